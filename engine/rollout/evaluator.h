@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "engine/rollout/policy.h"
+#include "engine/rollout/task.h"
+#include "kernels/aligned.h"
+#include "kernels/gp_query/gp_query.h"
+#include "kernels/philox/philox.h"
+
+namespace downpour {
+
+struct EvaluatorOptions {
+  bool use_variance = true;   // false: propagate means only (the paper's "No Var")
+  bool predict_noise = true;  // add the noise variance to the latent variance
+  double sample_clamp = 0;    // > 0: samples stay within mean +- clamp std; 0: no clamp
+  int threads = 1;            // OpenMP threads, >= 1
+};
+
+// Counts of all Evaluate calls so far.
+struct EvaluatorStatistics {
+  std::int64_t rollouts = 0;
+  std::int64_t gp_queries = 0;  // rollouts x horizon x E
+  std::int64_t lanes = 0;       // tile lanes computed, idle ones included: fill = rollouts / lanes
+  std::int64_t diverged = 0;    // rollouts that got the penalty
+};
+
+// The batched evaluator (DESIGN 2): rollouts are packed into tiles of kTileLanes lanes, one thread
+// takes one tile through all steps (features, policy, GP queries, sample, reward), one OpenMP
+// region a call. Results are the same bits for any thread count and any packing of candidates.
+//
+// A rollout whose state is not finite, or beyond kStateLimit (the vector sine's range), has
+// diverged: it stops and its return is -horizon, below any return of rewards in [0, 1].
+class Evaluator {
+ public:
+  static constexpr double kStateLimit = 30000;
+
+  // factors: one an output, D = F + A. The references must outlive the evaluator. Throws
+  // InvalidInput if sizes disagree.
+  Evaluator(const Task& task, const Policy& policy, const std::vector<GpFactor>& factors,
+            const EvaluatorOptions& options);
+
+  // Sums of rewards over the horizon. Candidate c has the parameters in row c of `parameters`
+  // (n x P row-major), runs n_rollouts[c] rollouts numbered from first_rollout[c] with stream
+  // keys[c]; returns are written candidate after candidate. Start states are start_mean +
+  // start_std z. Not thread-safe; scratch grows only when a batch is larger than all before.
+  void Evaluate(std::span<const double> parameters, std::span<const StreamKey> keys,
+                std::span<const int> n_rollouts, std::span<const int> first_rollout,
+                std::span<double> returns);
+
+  const EvaluatorStatistics& statistics() const { return statistics_; }
+
+ private:
+  struct Lane {
+    int candidate;
+    std::uint32_t rollout;
+  };
+  struct TileScratch;
+  // Runs lanes [first, first + n) through all steps and writes their returns.
+  void RunTile(std::span<const double> parameters, std::span<const StreamKey> keys, int first,
+               int n, const TileScratch& scratch, double* returns) const;
+  void PackTile(std::span<const double> parameters, std::span<const StreamKey> keys, int first,
+                int n, const TileScratch& scratch) const;
+  void StepTile(std::uint32_t step, const TileScratch& scratch) const;
+
+  const Task& task_;
+  const Policy& policy_;
+  const std::vector<GpFactor>& factors_;
+  EvaluatorOptions options_;
+  std::size_t scratch_size_ = 0;  // doubles a thread
+  AlignedVector<double> scratch_;
+  std::vector<Lane> lanes_;
+  EvaluatorStatistics statistics_;
+};
+
+// Features (F) of one state (E): the same numbers as in the tile.
+void ComputeFeatures(const Task& task, std::span<const double> state, std::span<double> features);
+// Reward of one state (E).
+double ComputeReward(const Task& task, std::span<const double> state);
+
+}  // namespace downpour

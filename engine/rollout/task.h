@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "kernels/features/features.h"
+
+namespace downpour {
+
+// A number of the task as a person reads it.
+struct Variable {
+  std::string name;  // e.g. "pole_angle"
+  std::string unit;  // e.g. "rad"
+};
+
+// Saturating reward (paper Eq. 9) of the features f (F): exp(-|A f - b|^2 / (2 width^2)), in
+// [0, 1]. `a` is n_rows x F row-major. A weight matrix Q = A^T A and target A f* = b.
+struct SaturatingReward {
+  int n_rows = 0;
+  std::vector<double> a;
+  std::vector<double> b;
+  double width = 1;
+};
+
+// The real system, simulated or not. One object serves one thread.
+class System {
+ public:
+  virtual ~System() = default;
+  // Puts the system at `state` (E).
+  virtual void Reset(std::span<const double> state) = 0;
+  // Holds `action` (A, already clipped to the limits) for one control period, then writes the
+  // noise-free state (E).
+  virtual void Step(std::span<const double> action, std::span<double> state) = 0;
+};
+
+// All that the learner knows about a task. States are rows of E numbers in the order of
+// `states`; times in seconds.
+struct Task {
+  std::string name;
+  std::string description;
+  std::string preset;  // "paper" or "original-code"
+  std::vector<Variable> states;
+  std::vector<Feature> features;
+  std::vector<Variable> feature_names;  // as many as features
+  std::vector<Variable> actions;
+  std::vector<double> action_limits;       // |u_i| <= limit
+  std::vector<double> start_mean;          // (E)
+  std::vector<double> start_std;           // (E)
+  std::vector<double> observation_std;     // (E), noise of what the policy and learner see
+  std::vector<double> policy_input_scale;  // (F), the policy sees feature / scale
+  double parameter_bound = 5;              // policy parameters lie in +-bound
+  // The search's first-run and restart widths that suit the task (DESIGN 5, measured).
+  double search_first_sigma = 1;
+  double search_restart_sigma = 5;
+  double control_period = 0.1;  // s
+  int horizon = 40;             // steps an episode
+  SaturatingReward reward;
+  // True if `states` (rows of E noise-free states at t = 0, 1, ..., horizon) solve the task.
+  std::function<bool(std::span<const double> states)> solved;
+  std::string solved_description;
+  // A new simulator of the real system. Throws InvalidInput if the MJCF cannot be used.
+  std::function<std::unique_ptr<System>()> make_system;
+
+  int n_states() const { return static_cast<int>(states.size()); }
+  int n_features() const { return static_cast<int>(features.size()); }
+  int n_actions() const { return static_cast<int>(actions.size()); }
+  int n_inputs() const { return n_features() + n_actions(); }  // of the model (paper: x tilde)
+};
+
+}  // namespace downpour

@@ -1,0 +1,167 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "kernels/philox/philox.h"
+
+#include <algorithm>
+
+#include "kernels/aligned.h"
+#include "kernels/philox/philox_ref.h"
+
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "kernels/philox/philox.cc"
+#include "hwy/foreach_target.h"  // IWYU pragma: keep
+// After foreach_target:
+#include "hwy/contrib/math/math-inl.h"
+#include "hwy/highway.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace downpour {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+using DF = hn::ScalableTag<double>;
+using DU = hn::RebindToUnsigned<DF>;
+using VF = hn::Vec<DF>;
+using VU = hn::Vec<DU>;
+
+// Each 32-bit word sits in the low half of a 64-bit lane, so that one widening multiply of the even
+// words serves a round and the results are already the width of a double.
+struct Words {
+  VU w0, w1, w2, w3;
+};
+
+HWY_INLINE VU WideningMultiply(VU a, std::uint32_t b) {
+#if HWY_TARGET == HWY_SCALAR  // has no widening multiply; its 64-bit one is exact here
+  return hn::Mul(a, hn::Set(DU(), std::uint64_t{b}));
+#else
+  const hn::Repartition<std::uint32_t, DU> du32;
+  return hn::MulEven(hn::BitCast(du32, a), hn::Set(du32, b));
+#endif
+}
+
+HWY_INLINE Words Rounds(Words x, VU key0, VU key1) {
+  const DU du;
+  const VU low = hn::Set(du, 0xFFFFFFFFu);
+  for (int round = 0; round < 10; ++round) {
+    const VU p0 = WideningMultiply(x.w0, kPhiloxMultiplier0);
+    const VU p1 = WideningMultiply(x.w2, kPhiloxMultiplier1);
+    x = {hn::Xor(hn::Xor(hn::ShiftRight<32>(p1), x.w1), key0), hn::And(p1, low),
+         hn::Xor(hn::Xor(hn::ShiftRight<32>(p0), x.w3), key1), hn::And(p0, low)};
+    key0 = hn::And(hn::Add(key0, hn::Set(du, kPhiloxWeyl0)), low);
+    key1 = hn::And(hn::Add(key1, hn::Set(du, kPhiloxWeyl1)), low);
+  }
+  return x;
+}
+
+// 52 random bits as the mantissa of a number in [1, 2), less 1.
+HWY_INLINE VF Uniform(VU low, VU high) {
+  const DF df;
+  const DU du;
+  const VU bits = hn::Or(hn::ShiftLeft<32>(high), low);
+  const VU one_to_two = hn::Or(hn::ShiftRight<12>(bits), hn::Set(du, 0x3FF0000000000000ull));
+  return hn::Sub(hn::BitCast(df, one_to_two), hn::Set(df, 1.0));
+}
+
+struct Pair {
+  VF first, second;
+};
+
+HWY_INLINE Pair Uniforms(const Words& counter, VU key0, VU key1) {
+  const Words r = Rounds(counter, key0, key1);
+  return {Uniform(r.w0, r.w1), Uniform(r.w2, r.w3)};
+}
+
+HWY_INLINE Pair Normals(const Words& counter, VU key0, VU key1) {
+  const DF df;
+  const Pair u = Uniforms(counter, key0, key1);
+  const VF log_u1 = hn::Log(df, hn::Sub(hn::Set(df, 1.0), u.first));
+  const VF radius = hn::Sqrt(hn::Mul(hn::Set(df, -2.0), log_u1));
+  const VF angle = hn::Mul(hn::Set(df, 6.283185307179586477), u.second);
+  return {hn::Mul(radius, hn::Cos(df, angle)), hn::Mul(radius, hn::Sin(df, angle))};
+}
+
+template <Pair (*kDraw)(const Words&, VU, VU)>
+HWY_INLINE void Fill(StreamKey key, std::uint32_t counter1, double* out, std::size_t n) {
+  const DF df;
+  const DU du;
+  const std::size_t lanes = hn::Lanes(df);
+  HWY_ALIGN double buffer[2 * hn::MaxLanes(DF())];
+  const VU key0 = hn::Set(du, key.word0);
+  const VU key1 = hn::Set(du, key.word1);
+  for (std::size_t done = 0; done < n; done += 2 * lanes) {
+    const VU block = hn::Iota(du, done / 2);
+    const Pair pair = kDraw({block, hn::Set(du, counter1), hn::Zero(du), hn::Zero(du)}, key0, key1);
+    hn::StoreInterleaved2(pair.first, pair.second, df, buffer);
+    std::copy_n(buffer, std::min(2 * lanes, n - done), out + done);
+  }
+}
+
+void FillNormalsTarget(StreamKey key, std::uint32_t counter1, double* out, std::size_t n) {
+  Fill<Normals>(key, counter1, out, n);
+}
+
+void FillUniformsTarget(StreamKey key, std::uint32_t counter1, double* out, std::size_t n) {
+  Fill<Uniforms>(key, counter1, out, n);
+}
+
+void NormalTileTarget(const std::uint32_t* keys0, const std::uint32_t* keys1,
+                      const std::uint32_t* rollouts, std::uint32_t step, int n_variables,
+                      double* out) {
+  const DF df;
+  const DU du;
+  const hn::Rebind<std::uint32_t, DU> du32;
+  for (int lane = 0; lane < kTileLanes; lane += static_cast<int>(hn::Lanes(df))) {
+    const VU key0 = hn::PromoteTo(du, hn::LoadU(du32, keys0 + lane));
+    const VU key1 = hn::PromoteTo(du, hn::LoadU(du32, keys1 + lane));
+    const VU rollout = hn::PromoteTo(du, hn::LoadU(du32, rollouts + lane));
+    for (int v = 0; v < n_variables; v += 2) {
+      const VU block = hn::Set(du, static_cast<std::uint64_t>(v / 2));
+      const Pair z = Normals({block, hn::Set(du, step), rollout, hn::Zero(du)}, key0, key1);
+      hn::Store(z.first, df, out + v * kTileLanes + lane);
+      if (v + 1 < n_variables) hn::Store(z.second, df, out + (v + 1) * kTileLanes + lane);
+    }
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace downpour
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace downpour {
+
+HWY_EXPORT(FillNormalsTarget);
+HWY_EXPORT(FillUniformsTarget);
+HWY_EXPORT(NormalTileTarget);
+
+PhiloxBlock Philox4x32(const PhiloxBlock& counter, StreamKey key) {
+  return PhiloxReference(counter, key);
+}
+
+StreamKey DeriveKey(std::uint64_t seed, StreamPurpose purpose,
+                    std::initializer_list<std::uint32_t> path) {
+  // A Philox block is a keyed permutation: absorbing a coordinate at a time makes a hash chain.
+  PhiloxBlock state = {static_cast<std::uint32_t>(purpose), 0, 0, 0};
+  StreamKey key = {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)};
+  state = PhiloxReference(state, key);
+  std::uint32_t position = 1;
+  for (const std::uint32_t coordinate : path) {
+    state = PhiloxReference({state[2], state[3], coordinate, position++}, {state[0], state[1]});
+  }
+  return {state[0], state[1]};
+}
+
+void FillNormals(StreamKey key, std::uint32_t counter1, double* out, std::size_t n) {
+  HWY_DYNAMIC_DISPATCH(FillNormalsTarget)(key, counter1, out, n);
+}
+
+void FillUniforms(StreamKey key, std::uint32_t counter1, double* out, std::size_t n) {
+  HWY_DYNAMIC_DISPATCH(FillUniformsTarget)(key, counter1, out, n);
+}
+
+void NormalTile(const std::uint32_t* keys0, const std::uint32_t* keys1,
+                const std::uint32_t* rollouts, std::uint32_t step, int n_variables, double* out) {
+  HWY_DYNAMIC_DISPATCH(NormalTileTarget)(keys0, keys1, rollouts, step, n_variables, out);
+}
+
+}  // namespace downpour
+#endif  // HWY_ONCE
