@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tasks/mujoco_system.h"
+
+#include <mujoco/mujoco.h>
+
+#include <cctype>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <limits>
+#include <span>
+#include <sstream>
+#include <system_error>
+
+#include "engine/errors.h"
+
+namespace downpour {
+namespace {
+
+using ModelPtr = std::unique_ptr<mjModel, decltype(&mj_deleteModel)>;
+using DataPtr = std::unique_ptr<mjData, decltype(&mj_deleteData)>;
+
+constexpr int kMaxSubsteps = 100000;
+
+// MuJoCo's messages span several lines.
+std::string OneLine(const std::string& text) {
+  std::string line;
+  for (const char c : text) {
+    if (std::isspace(static_cast<unsigned char>(c))) {
+      if (!line.empty() && line.back() != ' ') line += ' ';
+    } else {
+      line += c;
+    }
+  }
+  while (!line.empty() && line.back() == ' ') line.pop_back();
+  return line;
+}
+
+std::string Listed(const std::vector<std::string>& names) {
+  std::string list;
+  for (const std::string& name : names) list += (list.empty() ? "" : ", ") + name;
+  return list;
+}
+
+// Without handlers MuJoCo ends the process on an error and appends warnings to MUJOCO_LOG.TXT.
+void InstallHandlers() {
+  static const bool installed = [] {
+    mju_user_error = [](const char* message) { throw InvalidInput(OneLine(message)); };
+    mju_user_warning = [](const char*) {};
+    return true;
+  }();
+  static_cast<void>(installed);
+}
+
+[[noreturn]] void Fail(const std::string& model_name, const std::string& what) {
+  throw InvalidInput(OneLine(model_name + ": " + what));
+}
+
+// MuJoCo names a missing file and a folder by error numbers only.
+void CheckReadable(const std::string& file) {
+  errno = 0;
+  std::ifstream in(file, std::ios::binary);
+  if (in) in.peek();
+  if (!in.is_open() || in.bad()) {
+    const int reason = errno != 0 ? errno : EIO;
+    Fail(file, "cannot be read (" + std::generic_category().message(reason) +
+                   "); allowed: a readable MJCF file");
+  }
+}
+
+ModelPtr LoadModel(const MujocoSystemSpec& spec, const std::string& model_name) {
+  char message[1000] = "";
+  mjModel* model = nullptr;
+  if (!spec.mjcf_file.empty()) {
+    CheckReadable(spec.mjcf_file);
+    model = mj_loadXML(spec.mjcf_file.c_str(), nullptr, message, sizeof message);
+  } else {
+    const auto vfs = std::make_unique<mjVFS>();  // 2 MB: too large for a thread's stack
+    mj_defaultVFS(vfs.get());
+    mj_makeEmptyFileVFS(vfs.get(), "model.xml", static_cast<int>(spec.mjcf.size()));
+    std::memcpy(vfs->filedata[0], spec.mjcf.data(), spec.mjcf.size());
+    model = mj_loadXML("model.xml", vfs.get(), message, sizeof message);
+    mj_deleteVFS(vfs.get());
+  }
+  if (model == nullptr) {
+    Fail(model_name, std::string("MuJoCo cannot use it (") + message +
+                         "); allowed: an MJCF model that MuJoCo " + mj_versionString() +
+                         " compiles");
+  }
+  return ModelPtr(model, &mj_deleteModel);
+}
+
+// Ids of exactly the objects named; `kind` is "joint" or "actuator".
+std::vector<int> FindAll(const mjModel& model, mjtObj type, int n_in_model, const std::string& kind,
+                         const std::vector<std::string>& names, const std::string& model_name) {
+  const std::string allowed = "; allowed: exactly the " + kind + "s " + Listed(names);
+  std::vector<int> ids;
+  for (const std::string& name : names) {
+    ids.push_back(mj_name2id(&model, type, name.c_str()));
+    if (ids.back() < 0) Fail(model_name, "has no " + kind + " named " + name + allowed);
+  }
+  if (n_in_model != static_cast<int>(names.size())) {
+    Fail(model_name, "has " + std::to_string(n_in_model) + " " + kind + "s" + allowed);
+  }
+  return ids;
+}
+
+int CountSubsteps(double control_period, double timestep, const std::string& model_name) {
+  const double ratio = control_period / timestep;
+  const double n_substeps = std::round(ratio);
+  if (!(n_substeps >= 1 && n_substeps <= kMaxSubsteps &&
+        std::abs(ratio - n_substeps) <= 1e-9 * n_substeps)) {
+    std::ostringstream what;
+    what << "has timestep " << timestep << " s; allowed: the control period " << control_period
+         << " s divided by a whole number from 1 to " << kMaxSubsteps;
+    Fail(model_name, what.str());
+  }
+  return static_cast<int>(n_substeps);
+}
+
+class MujocoSystem final : public System {
+ public:
+  MujocoSystem(const MujocoSystemSpec& spec, const std::string& model_name)
+      : model_(LoadModel(spec, model_name)), data_(mj_makeData(model_.get()), &mj_deleteData) {
+    const std::vector<int> joints =
+        FindAll(*model_, mjOBJ_JOINT, model_->njnt, "joint", spec.joints, model_name);
+    actuators_ =
+        FindAll(*model_, mjOBJ_ACTUATOR, model_->nu, "actuator", spec.actuators, model_name);
+    for (std::size_t i = 0; i < joints.size(); ++i) {
+      const int type = model_->jnt_type[joints[i]];
+      if (type != mjJNT_SLIDE && type != mjJNT_HINGE) {
+        Fail(model_name, "joint " + spec.joints[i] + " has more than one degree of freedom" +
+                             "; allowed: slide, hinge");
+      }
+    }
+    n_substeps_ = CountSubsteps(spec.control_period, model_->opt.timestep, model_name);
+    for (const JointState& state : spec.states) {
+      const int joint = joints[state.joint];
+      variables_.push_back(state.quantity == JointQuantity::kPosition
+                               ? data_->qpos + model_->jnt_qposadr[joint]
+                               : data_->qvel + model_->jnt_dofadr[joint]);
+    }
+  }
+
+  void Reset(std::span<const double> state) override {
+    mj_resetData(model_.get(), data_.get());
+    for (std::size_t i = 0; i < variables_.size(); ++i) *variables_[i] = state[i];
+  }
+
+  void Step(std::span<const double> action, std::span<double> state) override {
+    for (std::size_t i = 0; i < actuators_.size(); ++i) data_->ctrl[actuators_[i]] = action[i];
+    for (int substep = 0; substep < n_substeps_; ++substep) mj_step(model_.get(), data_.get());
+    // MuJoCo replaces what is not finite and goes on from there: not a state of this system.
+    const bool stable = !Warned(mjWARN_BADQPOS) && !Warned(mjWARN_BADQVEL) &&
+                        !Warned(mjWARN_BADQACC) && !Warned(mjWARN_BADCTRL);
+    for (std::size_t i = 0; i < variables_.size(); ++i) {
+      state[i] = stable ? *variables_[i] : std::numeric_limits<double>::quiet_NaN();
+    }
+  }
+
+ private:
+  bool Warned(mjtWarning warning) const { return data_->warning[warning].number > 0; }
+
+  ModelPtr model_;
+  DataPtr data_;
+  std::vector<double*> variables_;  // into data_, in the order of the state
+  std::vector<int> actuators_;
+  int n_substeps_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<System> MakeMujocoSystem(const MujocoSystemSpec& spec) {
+  InstallHandlers();
+  const std::string model_name = spec.mjcf_file.empty() ? spec.name : spec.mjcf_file;
+  return std::make_unique<MujocoSystem>(spec, model_name);
+}
+
+}  // namespace downpour

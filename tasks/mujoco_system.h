@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "engine/rollout/task.h"
+
+namespace downpour {
+
+// One state variable of a system: the position or the velocity of joints[joint].
+enum class JointQuantity { kPosition, kVelocity };
+struct JointState {
+  int joint;
+  JointQuantity quantity;
+};
+
+// A MuJoCo model as a downpour::System. Joints are slides (m) or hinges (rad, not wrapped).
+struct MujocoSystemSpec {
+  std::string name;                    // of the built-in model, for messages
+  std::string mjcf;                    // the built-in model, MJCF text
+  std::string mjcf_file;               // read instead of `mjcf` when not empty
+  std::vector<std::string> joints;     // all joints of the model, by name
+  std::vector<JointState> states;      // in the order of Task::states
+  std::vector<std::string> actuators;  // all actuators, by name, in the order of Task::actions
+  double control_period = 0.1;         // s, a whole number of the model's timesteps
+};
+
+// Loads the model and returns a system at the model's own start. An action is held for the whole
+// control period (zero-order hold) while the integrator and timestep of the MJCF advance the state.
+// Throws InvalidInput, one line with the model's name, if the MJCF cannot be read or compiled, if
+// its joints or actuators are not exactly those named, if a joint is no slide or hinge, or if its
+// timestep does not divide the control period.
+//
+// Step writes NaN to every state variable when MuJoCo finds the simulation unstable (a position,
+// velocity, acceleration or action that is not finite or is beyond 1e10), and goes on doing so
+// until the next Reset. Step does not allocate. Equal states and actions after Reset give equal
+// bits. Loading is thread-safe. The first load installs process-wide MuJoCo handlers: its warnings
+// are dropped (so that no MUJOCO_LOG.TXT appears) and its errors become InvalidInput.
+std::unique_ptr<System> MakeMujocoSystem(const MujocoSystemSpec& spec);
+
+}  // namespace downpour

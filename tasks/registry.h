@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "engine/rollout/task.h"
+
+namespace downpour {
+
+// Names of all tasks, in the order of the registry.
+std::vector<std::string> TaskNames();
+
+// A task by name. `preset` is "paper" or "original-code"; `mjcf_file` replaces the task's built-in
+// MJCF when not empty (same joints and actuators). Throws InvalidInput that names what is allowed.
+Task MakeTask(const std::string& name, const std::string& preset = "paper",
+              const std::string& mjcf_file = "");
+
+}  // namespace downpour
