@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Bad input ends with exit code 2 and one line that says what is allowed, and loses nothing."""
+import shutil
+
+from command import TINY, Claims, contents, downpour, learn, scratch_directory
+
+claims = Claims()
+scratch = scratch_directory()
+run = scratch / "run"
+learn(run)
+
+
+def refuse(claim, arguments, *words, kept=run, cwd=scratch):
+    """The command refuses `arguments`, says all `words`, and leaves the files of `kept` alone."""
+    before = contents(kept)
+    listing = sorted(scratch.iterdir())
+    result = downpour(*arguments, cwd=cwd)
+    lines = result.stderr.splitlines()
+    details = f"exit code {result.returncode}, stderr: {result.stderr!r}"
+    claims.check(claim, result.returncode == 2 and len(lines) == 1 and
+                 lines[0].startswith("downpour: ") and result.stdout == "" and
+                 all(word in lines[0] for word in words), details)
+    if contents(kept) != before or sorted(scratch.iterdir()) != listing:
+        claims.check(f"{claim}: nothing is written", False)
+
+
+def config_file(text):
+    path = scratch / "config.toml"
+    path.write_text(text)
+    return path
+
+
+def copy_of_run(name):
+    path = scratch / name
+    shutil.copytree(run, path)
+    return path
+
+
+def command_line():
+    refuse("no command", [], "subcommand", "--help")
+    refuse("unknown command", ["lern"], "lern", "did you mean learn?")
+    refuse("no task", ["learn"], "task", "pendulum, cartpole")
+    refuse("unknown task", ["learn", "pendulim"], "pendulim", "pendulum, cartpole")
+    refuse("unknown option", ["learn", "pendulum", "--episods", "3"], "--episods", "--episodes?")
+    refuse("unknown option of evaluate", ["evaluate", run, "--start", "3"], "--start", "--starts?")
+    refuse("extra argument", ["learn", "pendulum", "more"], "more")
+    refuse("option without its value", ["learn", "pendulum", "--seed"], "--seed", "required")
+    refuse("option given twice", ["learn", "pendulum", "--seed", "1", "--seed", "2"], "--seed")
+    refuse("--set without =", ["learn", "pendulum", "--set", "seed"], "seed", "KEY=VALUE")
+    refuse("unknown key close to one", ["learn", "pendulum", "--set", "search.evalutions=500"],
+           "--set", "search.evalutions", "did you mean search.evaluations?")
+    refuse("unknown key far from any", ["learn", "pendulum", "--set", "x.y=1"], "x.y", "allowed: ",
+           "learn.seed", "rollout.variance")
+    for option, key, value, allowed in [
+            ("--episodes", "learn.episodes", "nan", "an integer in [1, 1000]"),
+            ("--episodes", "learn.episodes", "0", "an integer in [1, 1000]"),
+            ("--episodes", "learn.episodes", "2.5", "an integer in [1, 1000]"),
+            ("--episodes", "learn.episodes", "three", "an integer in [1, 1000]"),
+            ("--episodes", "learn.episodes", "", "an integer in [1, 1000]"),
+            ("--random-episodes", "learn.random_episodes", "1001", "an integer in [1, 1000]"),
+            ("--seed", "learn.seed", "-1", "an integer in [0, 9223372036854775807]"),
+            ("--seed", "learn.seed", "9223372036854775808", "[0, 9223372036854775807]"),
+            ("--threads", "learn.threads", "-2", "an integer in [0, 1024]"),
+            ("--evaluations", "search.evaluations", "99", "an integer in [100, 1000000000000]"),
+            ("--population", "search.population", "-4", "an integer in [0, 100000]"),
+            ("--rollouts", "search.rollouts", "inf", "an integer in [1, 10000]"),
+            ("--preset", "preset", "papr", "one of paper, original-code")]:
+        refuse(f"{option} {value}", ["learn", "pendulum", option, value], f"{option}: ",
+               f"{key} = {value}: must be ", allowed)
+    refuse("a population of one", ["learn", "pendulum", "--population", "1"], "search.population",
+           "[2, 100000]")
+    for option, value, allowed in [("--starts", "0", "[1, 1000000]"), ("--starts", "nan", "integer"),
+                                   ("--start-std", "nan", "[0, 1000]"),
+                                   ("--start-std", "-0.1", "[0, 1000]"),
+                                   ("--seed", "-1", "integer"), ("--episode", "1.5", "integer")]:
+        refuse(f"evaluate {option} {value}", ["evaluate", run, option, value], option, value,
+               allowed)
+
+
+def config_files():
+    def refuse_text(claim, text, *words):
+        path = config_file(text)
+        refuse(claim, ["learn", "pendulum", "--config", path], f"{path}:", *words)
+        path.unlink()
+
+    refuse("--config: missing file", ["learn", "pendulum", "--config", "none.toml"], "none.toml",
+           "No such file")
+    refuse("--config: a directory", ["learn", "pendulum", "--config", run], str(run), "directory")
+    refuse_text("TOML syntax error, with its line", "[search]\nrollouts = = 3\n", ":2:")
+    refuse_text("unknown key, with its line", "\n[search]\nrollout = 3\n", ":3: ",
+                "search.rollout;", "did you mean search.rollouts?")
+    refuse_text("a table for a value", "[learn.seed]\nx = 1\n", ":2: ", "learn.seed.x")
+    for line, allowed in [("bound = nan", "a number in (0, 1000000]"),
+                          ("bound = inf", "a number in (0, 1000000]"),
+                          ("bound = 0.0", "a number in (0, 1000000]"),
+                          ("first_sigma = -1.0", "a number in (0, 1000000]"),
+                          ("rollouts = 0", "an integer in [1, 10000]"),
+                          ("rollouts = '5'", "an integer in [1, 10000]"),
+                          ("rollouts = 1979-05-27", "an integer in [1, 10000]"),
+                          ("restarts = 'ipop'", "one of bipop, small"),
+                          ("uncertainty = 1", "one of off, sigma, rollouts")]:
+        refuse_text(f"TOML: {line}", f"[search]\n{line}\n", ":2: ", f"search.{line}: must be ",
+                    allowed)
+    refuse_text("TOML: variance = 1", "[rollout]\nvariance = 1\n", "true or false")
+    refuse_text("TOML: mjcf = 3", "mjcf = 3\n", ":1: mjcf = 3: must be a string")
+
+
+def run_directories():
+    refuse("--out that is not empty", ["learn", "pendulum", "--out", run, *TINY], str(run),
+           "not empty", "--resume")
+    refuse("--out that is a file", ["learn", "pendulum", "--out", run / "config.toml"],
+           "config.toml", "not a directory")
+    refuse("--out below a file", ["learn", "pendulum", "--out", run / "config.toml" / "x"],
+           "config.toml/x", "Not a directory")
+    refuse("--resume: no such run", ["learn", "--resume", "none"], "none", "config.toml")
+    refuse("--resume: another task", ["learn", "cartpole", "--resume", run], "cartpole", "pendulum")
+    for option in (["--seed", "3"], ["--evaluations", "1000"], ["--set", "search.rollouts=2"],
+                   ["--out", "x"], ["--config", run / "config.toml"], ["--preset", "paper"]):
+        refuse(f"--resume with {option[0]}", ["learn", "--resume", run, *option], option[0],
+               "--resume", "allowed: --episodes")
+    refuse("evaluate: no such run", ["evaluate", "none"], "none", "config.toml")
+    refuse("evaluate: an episode that is not there", ["evaluate", run, "--episode", "99"],
+           "policy_99.json")
+
+
+def checkpoints():
+    original = (run / "checkpoint.json").read_text()
+    middle = len(original) // 2
+    digit = next(i for i in range(middle, len(original)) if original[i] in "123456789")
+    flipped = original[:digit] + str(10 - int(original[digit])) + original[digit + 1:]
+    if flipped == original:  # a 5 stays itself
+        flipped = original[:digit] + "6" + original[digit + 1:]
+    for name, text, word in [
+            ("truncated", original[:middle], "truncated"),
+            ("empty", "", "JSON"),
+            ("corrupted", flipped, "checksum"),
+            ("future", original.replace('"version":1', '"version":99'), "99")]:
+        damaged = copy_of_run(name)
+        (damaged / "checkpoint.json").write_text(text)
+        refuse(f"checkpoint: {name}", ["learn", "--resume", damaged, "--episodes", "5"],
+               str(damaged / "checkpoint.json"), word, kept=damaged)
+    damaged = copy_of_run("missing")
+    (damaged / "checkpoint.json").unlink()
+    refuse("checkpoint: missing", ["learn", "--resume", damaged], "checkpoint.json", "missing",
+           kept=damaged)
+    damaged = copy_of_run("other-seed")
+    config = (damaged / "config.toml").read_text()
+    (damaged / "config.toml").write_text(config.replace("seed = 0\n", "seed = 1\n"))
+    refuse("checkpoint: of other settings", ["learn", "--resume", damaged], "checkpoint.json",
+           "seed", kept=damaged)
+    damaged = copy_of_run("policy")
+    policy = (damaged / "policy.json").read_text()
+    (damaged / "policy.json").write_text(policy[:len(policy) // 2])
+    refuse("evaluate: truncated policy", ["evaluate", damaged], "policy.json", kept=damaged)
+
+
+def mjcf_files():
+    model = scratch / "model.xml"
+    refuse("MJCF: missing", ["learn", "pendulum", "--mjcf", "none.xml"], "none.xml")
+    for claim, text in [("no XML", "<mujoco><worldbody>"), ("unknown element", "<mujoco><x/></mujoco>"),
+                        ("without joints", "<mujoco><worldbody/></mujoco>"), ("empty", "")]:
+        model.write_text(text)
+        refuse(f"MJCF: {claim}", ["learn", "pendulum", "--mjcf", model], str(model))
+    model.unlink()
+
+
+command_line()
+config_files()
+run_directories()
+checkpoints()
+mjcf_files()
+claims.exit()

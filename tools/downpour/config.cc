@@ -1,0 +1,234 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/downpour/config.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <limits>
+#include <sstream>
+#include <type_traits>
+
+#include "engine/errors.h"
+#include "engine/learner/atomic_file.h"
+#include "tasks/registry.h"
+#include "tools/downpour/suggest.h"
+
+namespace downpour {
+namespace {
+
+// Throws InvalidInput if there is none.
+const Field& FindField(const std::vector<Field>& fields, const std::string& origin,
+                       const std::string& key) {
+  const auto found = std::find_if(fields.begin(), fields.end(),
+                                  [&](const Field& field) { return field.key == key; });
+  if (found != fields.end()) return *found;
+  std::vector<std::string> keys;
+  for (const Field& field : fields) keys.push_back(field.key);
+  throw InvalidInput(fmt::format("{}: unknown key {}; {}", origin, key, Suggest(key, keys)));
+}
+
+Setting FromNode(const std::string& origin, const std::string& key, const toml::node& node) {
+  Setting setting{origin, key, {}, {}};
+  std::ostringstream text;
+  node.visit([&](const auto& n) { text << n; });
+  setting.text = text.str();
+  if (const auto* flag = node.as_boolean()) setting.value = flag->get();
+  if (const auto* integer = node.as_integer()) setting.value = integer->get();
+  if (const auto* number = node.as_floating_point()) setting.value = number->get();
+  if (const auto* string = node.as_string()) setting.value = string->get();
+  return setting;
+}
+
+// Walks the tables of a file; a key of a table in a table is "outer.inner".
+void Flatten(const std::vector<Field>& fields, const std::string& path, const std::string& prefix,
+             const toml::table& table, std::vector<Setting>* settings) {
+  for (const auto& [name, node] : table) {
+    const std::string key = prefix + std::string(name.str());
+    if (const toml::table* inner = node.as_table()) {
+      Flatten(fields, path, key + ".", *inner, settings);
+      continue;
+    }
+    const std::string origin = fmt::format("{}:{}", path, node.source().begin.line);
+    FindField(fields, origin, key);
+    settings->push_back(FromNode(origin, key, node));
+  }
+}
+
+// Writes the value of a setting into a member; false where the field does not accept it.
+struct Assign {
+  const Field& field;
+  const Setting& setting;
+
+  // NaN fails both comparisons.
+  bool InRange(double x) const {
+    return (field.above_min ? x > field.min : x >= field.min) && x <= field.max;
+  }
+  template <typename T>
+  bool AssignInteger(T* target) const {
+    std::int64_t value;
+    if (const auto* integer = std::get_if<std::int64_t>(&setting.value)) {
+      value = *integer;
+    } else if (const auto* x = std::get_if<double>(&setting.value);
+               x != nullptr && std::trunc(*x) == *x && std::abs(*x) <= 0x1p53) {
+      value = static_cast<std::int64_t>(*x);  // 1e6 is an integer to a person
+    } else {
+      return false;
+    }
+    if (!InRange(static_cast<double>(value))) return false;
+    *target = static_cast<T>(value);
+    return true;
+  }
+  bool operator()(int* target) const { return AssignInteger(target); }
+  bool operator()(std::int64_t* target) const { return AssignInteger(target); }
+  bool operator()(std::uint64_t* target) const { return AssignInteger(target); }
+  bool operator()(bool* target) const {
+    const auto* value = std::get_if<bool>(&setting.value);
+    if (value != nullptr) *target = *value;
+    return value != nullptr;
+  }
+  bool operator()(double* target) const {
+    double value = std::numeric_limits<double>::quiet_NaN();
+    if (const auto* x = std::get_if<double>(&setting.value)) value = *x;
+    if (const auto* integer = std::get_if<std::int64_t>(&setting.value)) {
+      value = static_cast<double>(*integer);
+    }
+    if (!InRange(value)) return false;
+    *target = value;
+    return true;
+  }
+  bool operator()(std::string* target) const {
+    const auto* value = std::get_if<std::string>(&setting.value);
+    if (value == nullptr || (!field.choices.empty() && Choice(*value) < 0)) return false;
+    *target = *value;
+    return true;
+  }
+  template <typename Enum>
+  requires std::is_enum_v<Enum>
+  bool operator()(Enum* target) const {
+    const auto* value = std::get_if<std::string>(&setting.value);
+    if (value == nullptr || Choice(*value) < 0) return false;
+    *target = static_cast<Enum>(Choice(*value));
+    return true;
+  }
+  int Choice(const std::string& name) const {
+    const auto found = std::find(field.choices.begin(), field.choices.end(), name);
+    return found == field.choices.end() ? -1 : static_cast<int>(found - field.choices.begin());
+  }
+};
+
+// A TOML value with all digits.
+struct TomlText {
+  const Field& field;
+  std::string operator()(const bool* x) const { return *x ? "true" : "false"; }
+  std::string operator()(const int* x) const { return std::to_string(*x); }
+  std::string operator()(const std::int64_t* x) const { return std::to_string(*x); }
+  std::string operator()(const std::uint64_t* x) const { return std::to_string(*x); }
+  std::string operator()(const double* x) const {
+    const std::string text = fmt::format("{}", *x);  // shortest text that reads back exactly
+    return text.find_first_of(".e") == std::string::npos ? text + ".0" : text;
+  }
+  std::string operator()(const std::string* x) const {
+    std::ostringstream text;
+    text << toml::toml_formatter(toml::value<std::string>(*x), toml::format_flags::none);
+    return text.str();
+  }
+  template <typename Enum>
+  requires std::is_enum_v<Enum> std::string operator()(const Enum* x) const {
+    return fmt::format("\"{}\"", field.choices[static_cast<std::size_t>(*x)]);
+  }
+};
+
+}  // namespace
+
+std::vector<Setting> ReadConfigFile(const std::string& path) {
+  const std::string text = ReadFile(path);
+  try {
+    const toml::table table = toml::parse(text, path);
+    std::vector<Setting> settings;
+    RunConfig config;
+    Flatten(ConfigFields(config), path, "", table, &settings);
+    return settings;
+  } catch (const toml::parse_error& error) {
+    throw InvalidInput(fmt::format("{}:{}:{}: no valid TOML: {}", path, error.source().begin.line,
+                                   error.source().begin.column, error.description()));
+  }
+}
+
+Setting ReadSetting(const std::string& origin, const Field& field, const std::string& text) {
+  const bool is_number = field.max > field.min;
+  if (is_number || std::holds_alternative<bool*>(field.target)) {
+    try {
+      const toml::table table = toml::parse("value = " + text);
+      if (table.size() == 1) {
+        Setting setting = FromNode(origin, field.key, *table.get("value"));
+        setting.text = text;
+        return setting;
+      }
+    } catch (const toml::parse_error&) {  // the check of the range names what is allowed
+    }
+  }
+  return {origin, field.key, text, text};
+}
+
+Setting ParseAssignment(const std::string& text) {
+  const std::size_t equals = text.find('=');
+  if (equals == std::string::npos || equals == 0) {
+    throw InvalidInput(fmt::format("--set {}: must be KEY=VALUE, e.g. search.rollouts=5", text));
+  }
+  RunConfig config;
+  const std::vector<Field> fields = ConfigFields(config);
+  return ReadSetting("--set", FindField(fields, "--set", text.substr(0, equals)),
+                     text.substr(equals + 1));
+}
+
+void ApplySettings(const std::vector<Field>& fields, const std::vector<Setting>& settings) {
+  for (const Setting& setting : settings) {
+    const Field& field = FindField(fields, setting.origin, setting.key);
+    if (std::visit(Assign{field, setting}, field.target)) continue;
+    throw InvalidInput(fmt::format("{}: {} = {}: must be {}", setting.origin, setting.key,
+                                   setting.text, Allowed(field)));
+  }
+}
+
+ResolvedRun ResolveConfig(const std::vector<Setting>& settings) {
+  RunConfig named;
+  ApplySettings(ConfigFields(named), settings);
+  if (named.task.empty()) {
+    throw InvalidInput(
+        fmt::format("no task given: must be one of {}", fmt::join(TaskNames(), ", ")));
+  }
+  // The run must find the file again when it is resumed from another directory.
+  if (!named.mjcf.empty()) named.mjcf = std::filesystem::absolute(named.mjcf).string();
+  ResolvedRun run{{}, MakeTask(named.task, named.preset, named.mjcf)};
+  PolicySearchOptions& search = run.config.learner.search;
+  search.bound = run.task.parameter_bound;
+  search.first_sigma = run.task.search_first_sigma;
+  search.restart_sigma = run.task.search_restart_sigma;
+  ApplySettings(ConfigFields(run.config), settings);
+  run.config.mjcf = named.mjcf;
+  return run;
+}
+
+std::string WriteConfig(const RunConfig& config) {
+  RunConfig copy = config;
+  std::string text = "# Every setting of this run. Repeat it: downpour learn --config THIS_FILE\n";
+  std::string section;
+  for (const Field& field : ConfigFields(copy)) {
+    if (!field.saved) continue;
+    const std::size_t dot = field.key.find('.');
+    const std::string name = field.key.substr(dot == std::string::npos ? 0 : dot + 1);
+    if (dot != std::string::npos && field.key.substr(0, dot) != section) {
+      section = field.key.substr(0, dot);
+      text += fmt::format("\n[{}]\n", section);
+    }
+    text += fmt::format("# {} {}\n{} = {}\n", field.description, "Must be " + Allowed(field) + ".",
+                        name, std::visit(TomlText{field}, field.target));
+  }
+  return text;
+}
+
+}  // namespace downpour

@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "engine/learner/learner.h"
+#include "engine/rollout/task.h"
+
+namespace downpour {
+
+// Everything that can be set for a run.
+struct RunConfig {
+  std::string task;
+  std::string preset = "paper";
+  std::string mjcf;
+  LearnerOptions learner;
+  std::string output_directory;
+  bool quiet = false;
+  bool json = false;
+};
+
+// One row of the table that TOML keys, command-line options, range checks, help texts and the saved
+// config.toml all come from.
+struct Field {
+  std::string key;          // TOML key, e.g. "search.evaluations"
+  std::string option = {};  // "--evaluations"; empty: only by --config and --set. A bool's option
+                            // is a flag that turns the default round.
+  std::variant<bool*, int*, std::int64_t*, std::uint64_t*, double*, std::string*, RestartStrategy*,
+               UncertaintyHandling*>
+      target;
+  double min = 0;  // numbers only
+  double max = 0;
+  bool above_min = false;                 // min itself is not allowed
+  std::vector<std::string> choices = {};  // strings (empty: any) and enums (in their order)
+  std::string description;                // one sentence
+  bool saved = true;                      // part of a run's config.toml
+};
+
+// Largest seed: TOML's largest integer.
+inline constexpr double kMaxSeed = 9223372036854775807.0;
+
+// The table, bound to the members of `config`.
+std::vector<Field> ConfigFields(RunConfig& config);
+
+// What `field` accepts, e.g. "an integer in [1, 1000]".
+std::string Allowed(const Field& field);
+
+// A value somebody gave a field, and where: "run.toml:3", "--set", "--episodes". The text is the
+// value as written; monostate is a TOML type that no field takes.
+struct Setting {
+  std::string origin;
+  std::string key;
+  std::variant<std::monostate, bool, std::int64_t, double, std::string> value;
+  std::string text;
+};
+
+// All keys of a TOML file. Throws FileError if it cannot be read, InvalidInput with file and line
+// for a syntax error or an unknown key.
+std::vector<Setting> ReadConfigFile(const std::string& path);
+
+// `text` for `field`, read as a TOML value where the field is no string.
+Setting ReadSetting(const std::string& origin, const Field& field, const std::string& text);
+
+// "a.b=c", the argument of --set. Throws InvalidInput.
+Setting ParseAssignment(const std::string& text);
+
+// Writes the settings into the members of their fields, in order. Throws InvalidInput that names
+// origin, key, value and what is allowed.
+void ApplySettings(const std::vector<Field>& fields, const std::vector<Setting>& settings);
+
+// The configuration that `settings` describe, later ones overriding earlier ones and all of them
+// the task's own defaults, and its task. Throws InvalidInput.
+struct ResolvedRun {
+  RunConfig config;
+  Task task;
+};
+ResolvedRun ResolveConfig(const std::vector<Setting>& settings);
+
+// TOML with every saved field, its description and what it accepts; numbers are exact.
+std::string WriteConfig(const RunConfig& config);
+
+}  // namespace downpour

@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "tasks/registry.h"
+#include "tools/downpour/config.h"
+
+namespace downpour {
+namespace {
+
+std::vector<Field> RunFields(RunConfig& config) {
+  LearnerOptions& learner = config.learner;
+  return {
+      {.key = "task",
+       .option = "",
+       .target = &config.task,
+       .choices = TaskNames(),
+       .description = "Task to learn; downpour tasks lists them."},
+      {.key = "preset",
+       .option = "--preset",
+       .target = &config.preset,
+       .choices = {"paper", "original-code"},
+       .description = "Reward and noise as in the paper or as in the authors' later code."},
+      {.key = "mjcf",
+       .option = "--mjcf",
+       .target = &config.mjcf,
+       .description = "MJCF file to use in place of the task's own; empty: the task's own."},
+      {.key = "learn.episodes",
+       .option = "--episodes",
+       .target = &learner.episodes,
+       .min = 1,
+       .max = 1000,
+       .description = "Episodes on the real system, random ones included."},
+      {.key = "learn.random_episodes",
+       .option = "--random-episodes",
+       .target = &learner.random_episodes,
+       .min = 1,
+       .max = 1000,
+       .description = "Episodes of random actions before the first model."},
+      {.key = "learn.until_solved",
+       .option = "--until-solved",
+       .target = &learner.until_solved,
+       .description = "Stop as soon as an episode solves the task."},
+      {.key = "learn.seed",
+       .option = "--seed",
+       .target = &learner.seed,
+       .min = 0,
+       .max = kMaxSeed,
+       .description = "Seed that all random numbers derive from."},
+      {.key = "learn.threads",
+       .option = "--threads",
+       .target = &learner.threads,
+       .min = 0,
+       .max = 1024,
+       .description = "Threads; results do not depend on it; 0: all cores."},
+      {.key = "policy.hidden_units",
+       .option = "",
+       .target = &learner.hidden_units,
+       .min = 1,
+       .max = 256,
+       .description = "Hidden units of the neural-network policy."},
+      {.key = "model.restarts",
+       .option = "",
+       .target = &learner.model.restarts,
+       .min = 0,
+       .max = 100,
+       .description = "Random starts of hyper-parameter learning besides the first."},
+      {.key = "model.max_evaluations",
+       .option = "",
+       .target = &learner.model.max_evaluations,
+       .min = 1,
+       .max = 100000,
+       .description = "Likelihood evaluations a start may take."},
+  };
+}
+
+std::vector<Field> SearchFields(PolicySearchOptions& search) {
+  return {
+      {.key = "search.evaluations",
+       .option = "--evaluations",
+       .target = &search.evaluations,
+       .min = 100,
+       .max = 1e12,
+       .description = "Rollouts that an episode's search may spend."},
+      {.key = "search.population",
+       .option = "--population",
+       .target = &search.population,
+       .min = 0,
+       .max = 100000,
+       .description = "Candidates a generation (lambda); 0: twice the default of CMA-ES."},
+      {.key = "search.rollouts",
+       .option = "--rollouts",
+       .target = &search.rollouts,
+       .min = 1,
+       .max = 10000,
+       .description = "Rollouts a candidate."},
+      {.key = "search.max_rollouts",
+       .option = "",
+       .target = &search.max_rollouts,
+       .min = 1,
+       .max = 10000,
+       .description = "Most rollouts a candidate when uncertainty handling raises them."},
+      {.key = "search.concurrent",
+       .option = "",
+       .target = &search.concurrent,
+       .min = 1,
+       .max = 1024,
+       .description = "CMA-ES runs that share each batch."},
+      {.key = "search.final_rollouts",
+       .option = "",
+       .target = &search.final_rollouts,
+       .min = 1,
+       .max = 1e6,
+       .description = "Rollouts that compare the final means of the runs."},
+      {.key = "search.bound",
+       .option = "",
+       .target = &search.bound,
+       .min = 0,
+       .max = 1e6,
+       .above_min = true,
+       .description = "Policy parameters lie in +-bound."},
+      {.key = "search.first_sigma",
+       .option = "",
+       .target = &search.first_sigma,
+       .min = 0,
+       .max = 1e6,
+       .above_min = true,
+       .description = "Step size of the first run, which starts at the last policy."},
+      {.key = "search.restart_sigma",
+       .option = "",
+       .target = &search.restart_sigma,
+       .min = 0,
+       .max = 1e6,
+       .above_min = true,
+       .description = "Restarts draw restart_sigma 10^(-restart_decades U), U uniform in [0, 1]."},
+      {.key = "search.restart_decades",
+       .option = "",
+       .target = &search.restart_decades,
+       .min = 0,
+       .max = 10,
+       .description = "Range of the restarts' step sizes."},
+      {.key = "search.restarts",
+       .option = "",
+       .target = &search.restarts,
+       .choices = {"bipop", "small"},
+       .description = "bipop: doubling populations beside small ones; small: all of one size."},
+      {.key = "search.uncertainty",
+       .option = "",
+       .target = &search.uncertainty,
+       .choices = {"off", "sigma", "rollouts"},
+       .description = "What to raise when noise scrambles the ranking of the candidates."},
+  };
+}
+
+std::vector<Field> RolloutFields(EvaluatorOptions& rollout) {
+  return {
+      {.key = "rollout.variance",
+       .option = "--no-variance",
+       .target = &rollout.use_variance,
+       .description =
+           "Variance of predictions: true samples it, false uses means only (the paper's No Var)."},
+      {.key = "rollout.predict_noise",
+       .option = "",
+       .target = &rollout.predict_noise,
+       .description = "Add the noise variance to the variance of a prediction."},
+      {.key = "rollout.sample_clamp",
+       .option = "",
+       .target = &rollout.sample_clamp,
+       .min = 0,
+       .max = 100,
+       .description = "Samples stay within mean +- sample_clamp std; 0: no clamp."},
+  };
+}
+
+std::vector<Field> OutputFields(RunConfig& config) {
+  return {
+      {.key = "output.directory",
+       .option = "--out",
+       .target = &config.output_directory,
+       .description = "New directory for the run; empty: runs/TASK-seedSEED.",
+       .saved = false},
+      {.key = "output.quiet",
+       .option = "--quiet",
+       .target = &config.quiet,
+       .description = "No progress and no table.",
+       .saved = false},
+      {.key = "output.json",
+       .option = "--json",
+       .target = &config.json,
+       .description = "One JSON object a line and episode on standard output.",
+       .saved = false},
+  };
+}
+
+struct RangeText {
+  const Field& field;
+  std::string Range(const char* kind) const {
+    const bool seed = field.max == kMaxSeed;
+    return fmt::format("{} in {}{}, {}]", kind, field.above_min ? '(' : '[', field.min,
+                       seed ? "9223372036854775807" : fmt::format("{}", field.max));
+  }
+  std::string operator()(bool*) const { return "true or false"; }
+  std::string operator()(int*) const { return Range("an integer"); }
+  std::string operator()(std::int64_t*) const { return Range("an integer"); }
+  std::string operator()(std::uint64_t*) const { return Range("an integer"); }
+  std::string operator()(double*) const { return Range("a number"); }
+  std::string operator()(void*) const {
+    if (field.choices.empty()) return "a string";
+    return fmt::format("one of {}", fmt::join(field.choices, ", "));
+  }
+};
+
+}  // namespace
+
+std::vector<Field> ConfigFields(RunConfig& config) {
+  std::vector<Field> fields = RunFields(config);
+  for (const auto& part : {SearchFields(config.learner.search),
+                           RolloutFields(config.learner.rollout), OutputFields(config)}) {
+    fields.insert(fields.end(), part.begin(), part.end());
+  }
+  return fields;
+}
+
+std::string Allowed(const Field& field) { return std::visit(RangeText{field}, field.target); }
+
+}  // namespace downpour

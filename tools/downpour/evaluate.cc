@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <cstdint>
+#include <memory>
+#include <nlohmann/json.hpp>
+#include <numeric>
+#include <string>
+#include <vector>
+
+#include "engine/errors.h"
+#include "engine/learner/execute.h"
+#include "engine/learner/run_directory.h"
+#include "engine/learner/saved_policy.h"
+#include "tools/downpour/commands.h"
+#include "tools/downpour/config.h"
+
+namespace downpour {
+namespace {
+
+struct EvaluateArguments {
+  std::string run;
+  int episode = 0;  // 0: the last policy
+  int starts = 100;
+  double start_std = 0.01;
+  std::uint64_t seed = 0;
+  bool json = false;
+};
+
+std::vector<Field> EvaluateFields(EvaluateArguments& arguments) {
+  return {
+      {.key = "episode",
+       .option = "--episode",
+       .target = &arguments.episode,
+       .min = 0,
+       .max = 1000,
+       .description = "Policy of this episode; 0: the last one learnt."},
+      {.key = "starts",
+       .option = "--starts",
+       .target = &arguments.starts,
+       .min = 1,
+       .max = 1e6,
+       .description = "Number of starts."},
+      {.key = "start_std",
+       .option = "--start-std",
+       .target = &arguments.start_std,
+       .min = 0,
+       .max = 1000,
+       .description = "Standard deviation of every start variable, in its own unit."},
+      {.key = "seed",
+       .option = "--seed",
+       .target = &arguments.seed,
+       .min = 0,
+       .max = kMaxSeed,
+       .description = "Seed of the starts and the noise."},
+  };
+}
+
+struct Evaluation {
+  std::vector<double> returns;  // (starts) sorted
+  int n_solved = 0;
+};
+
+// Quantile of sorted values, linear between neighbours (NumPy's default).
+double Quantile(const std::vector<double>& sorted, double share) {
+  const double position = share * static_cast<double>(sorted.size() - 1);
+  const std::size_t below = static_cast<std::size_t>(position);
+  const std::size_t above = std::min(below + 1, sorted.size() - 1);
+  return sorted[below] + (position - static_cast<double>(below)) * (sorted[above] - sorted[below]);
+}
+
+double Mean(const std::vector<double>& x) {
+  return std::accumulate(x.begin(), x.end(), 0.0) / static_cast<double>(x.size());
+}
+
+Evaluation RunStarts(Task task, const SavedPolicy& saved, const EvaluateArguments& arguments) {
+  task.start_std.assign(task.start_std.size(), arguments.start_std);
+  const std::unique_ptr<Policy> policy = MakePolicy(saved, task);
+  const std::unique_ptr<System> system = task.make_system();
+  const auto controller = [&](int, std::span<const double> features, std::span<double> action) {
+    policy->Act(saved.parameters, features, action);
+  };
+  Evaluation evaluation;
+  for (int i = 0; i < arguments.starts; ++i) {
+    const auto start = static_cast<std::uint32_t>(i);
+    const Execution execution =
+        ExecuteEpisode(task, *system, saved.episode,
+                       DeriveKey(arguments.seed, StreamPurpose::kEvaluate, {start, 0}),
+                       DeriveKey(arguments.seed, StreamPurpose::kEvaluate, {start, 1}), controller);
+    evaluation.returns.push_back(execution.real_return);
+    evaluation.n_solved += execution.solved ? 1 : 0;
+  }
+  std::sort(evaluation.returns.begin(), evaluation.returns.end());
+  return evaluation;
+}
+
+void Print(const EvaluateArguments& arguments, const SavedPolicy& saved, const Evaluation& result) {
+  const std::vector<double>& returns = result.returns;
+  const double share = static_cast<double>(result.n_solved) / arguments.starts;
+  if (arguments.json) {
+    nlohmann::ordered_json line;
+    line["run"] = arguments.run;
+    line["task"] = saved.task;
+    line["episode"] = saved.episode;
+    line["starts"] = arguments.starts;
+    line["start_std"] = arguments.start_std;
+    line["seed"] = arguments.seed;
+    line["mean"] = Mean(returns);
+    line["minimum"] = returns.front();
+    line["quartile_1"] = Quantile(returns, 0.25);
+    line["median"] = Quantile(returns, 0.5);
+    line["quartile_3"] = Quantile(returns, 0.75);
+    line["maximum"] = returns.back();
+    line["solved_share"] = share;
+    fmt::print("{}\n", line.dump());
+    return;
+  }
+  fmt::print("{}, policy of episode {}, {} starts with std {} (seed {})\n", saved.task,
+             saved.episode, arguments.starts, arguments.start_std, arguments.seed);
+  fmt::print("return   mean {:.2f}   quartiles {:.2f}  {:.2f}  {:.2f}   range {:.2f} to {:.2f}\n",
+             Mean(returns), Quantile(returns, 0.25), Quantile(returns, 0.5),
+             Quantile(returns, 0.75), returns.front(), returns.back());
+  fmt::print("solved   {} of {} ({:.0f} %)\n", result.n_solved, arguments.starts, 100 * share);
+}
+
+void Evaluate(const EvaluateArguments& arguments) {
+  const RunDirectory directory = RunDirectory::Open(arguments.run);
+  const std::filesystem::path path = directory.path();
+  const ResolvedRun run = ResolveConfig(ReadConfigFile((path / "config.toml").string()));
+  const std::filesystem::path file =
+      path / (arguments.episode == 0 ? std::string("policy.json")
+                                     : fmt::format("policy_{}.json", arguments.episode));
+  if (!std::filesystem::exists(file)) {
+    throw InvalidInput(fmt::format("{}: no such policy; {}", file.string(),
+                                   arguments.episode == 0
+                                       ? "the run must have learnt from one episode at least"
+                                       : "--episode must be a learnt episode of the run"));
+  }
+  const SavedPolicy saved = ReadPolicy(file);
+  Print(arguments, saved, RunStarts(run.task, saved, arguments));
+}
+
+}  // namespace
+
+void AddEvaluateCommand(CLI::App* app) {
+  CLI::App* command = app->add_subcommand(
+      "evaluate", "Run a learnt policy on the simulator from many noisy starts");
+  auto arguments = std::make_shared<EvaluateArguments>();
+  auto settings = std::make_shared<std::vector<Setting>>();
+  command->add_option("RUN", arguments->run, "Run directory")->required();
+  for (const Field& field : EvaluateFields(*arguments)) {
+    const auto read = [settings, field](const std::string& text) {
+      settings->push_back(ReadSetting(field.option, field, text));
+    };
+    command->add_option_function<std::string>(field.option, read, field.description)
+        ->type_name("N");
+  }
+  command->add_flag("--json", arguments->json, "One JSON object on standard output");
+  command->callback([arguments, settings] {
+    ApplySettings(EvaluateFields(*arguments), *settings);
+    Evaluate(*arguments);
+  });
+}
+
+}  // namespace downpour

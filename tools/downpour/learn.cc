@@ -1,0 +1,231 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <atomic>
+#include <csignal>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "engine/errors.h"
+#include "engine/learner/atomic_file.h"
+#include "engine/learner/run_directory.h"
+#include "tools/downpour/commands.h"
+#include "tools/downpour/config.h"
+#include "tools/downpour/progress.h"
+
+namespace downpour {
+namespace {
+
+// A signal handler reaches nothing but a global; lock-free, so that it may write it.
+std::atomic<bool> stop_requested{false};
+static_assert(std::atomic<bool>::is_always_lock_free);
+
+void RequestStop(int) { stop_requested = true; }
+
+// The first Ctrl-C asks for a clean end; a second one ends at once.
+void InstallStopHandler() {
+  struct sigaction action {};
+  action.sa_handler = RequestStop;
+  action.sa_flags = SA_RESETHAND | SA_RESTART;
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+}
+
+// One option of the table of fields, as given.
+struct OptionValue {
+  const CLI::Option* option = nullptr;
+  std::string text;
+  bool flag = false;
+};
+
+// The command line as given.
+struct LearnArguments {
+  std::string task;
+  std::string config_file;
+  std::string resume;
+  std::vector<std::string> assignments;        // --set
+  std::map<std::string, OptionValue> options;  // by the field's key
+};
+
+// What a run needs, whether new or resumed.
+struct OpenRun {
+  RunConfig config;
+  RunDirectory directory;
+  Learner learner;
+};
+
+// Settings in the order in which they override: --set, then the options.
+std::vector<Setting> CommandLineSettings(const LearnArguments& arguments) {
+  std::vector<Setting> settings;
+  for (const std::string& text : arguments.assignments) settings.push_back(ParseAssignment(text));
+  RunConfig defaults;
+  for (const Field& field : ConfigFields(defaults)) {
+    if (field.key == "task" && !arguments.task.empty()) {
+      settings.push_back(ReadSetting("TASK", field, arguments.task));
+    }
+    if (field.option.empty()) continue;
+    const OptionValue& value = arguments.options.at(field.key);
+    if (bool* const* target = std::get_if<bool*>(&field.target)) {
+      const char* turned = **target ? "false" : "true";
+      if (value.flag) settings.push_back(ReadSetting(field.option, field, turned));
+    } else if (value.option->count() > 0) {
+      settings.push_back(ReadSetting(field.option, field, value.text));
+    }
+  }
+  return settings;
+}
+
+// runs/TASK-seedSEED, or with -2, -3, ... behind it if that is there.
+std::filesystem::path DefaultDirectory(const RunConfig& config) {
+  const std::string base = fmt::format("runs/{}-seed{}", config.task, config.learner.seed);
+  std::filesystem::path path = base;
+  for (int i = 2; std::filesystem::exists(path); ++i) path = fmt::format("{}-{}", base, i);
+  return path;
+}
+
+OpenRun NewRun(const LearnArguments& arguments) {
+  std::vector<Setting> settings;
+  if (!arguments.config_file.empty()) settings = ReadConfigFile(arguments.config_file);
+  for (Setting& setting : CommandLineSettings(arguments)) settings.push_back(std::move(setting));
+  ResolvedRun run = ResolveConfig(settings);
+  // The learner checks task and options before anything is written.
+  Learner learner(run.task, run.config.learner);
+  const std::filesystem::path path = run.config.output_directory.empty()
+                                         ? DefaultDirectory(run.config)
+                                         : std::filesystem::path(run.config.output_directory);
+  RunDirectory directory = RunDirectory::Create(path, WriteConfig(run.config));
+  return {std::move(run.config), std::move(directory), std::move(learner)};
+}
+
+// Refuses what would make a resumed run another run than the one that was stopped.
+void CheckResumeSettings(const LearnArguments& arguments, const std::vector<Setting>& settings) {
+  const std::vector<std::string> allowed = {"--episodes", "--threads", "--until-solved", "--quiet",
+                                            "--json"};
+  const auto refuse = [&](const std::string& what) {
+    throw InvalidInput(
+        fmt::format("{} cannot be given with --resume, which goes on with the run's "
+                    "own config.toml; allowed: {}",
+                    what, fmt::join(allowed, ", ")));
+  };
+  if (!arguments.config_file.empty()) refuse("--config");
+  for (const Setting& setting : settings) {
+    if (setting.key == "task") continue;  // compared with the run's
+    if (std::find(allowed.begin(), allowed.end(), setting.origin) == allowed.end()) {
+      refuse(setting.origin);
+    }
+  }
+}
+
+OpenRun ResumedRun(const LearnArguments& arguments) {
+  const std::vector<Setting> given = CommandLineSettings(arguments);
+  CheckResumeSettings(arguments, given);
+  RunDirectory directory = RunDirectory::Open(arguments.resume);
+  const std::filesystem::path config_file = directory.path() / "config.toml";
+  std::vector<Setting> settings = ReadConfigFile(config_file.string());
+  const std::string saved_task = ResolveConfig(settings).config.task;
+  if (!arguments.task.empty() && arguments.task != saved_task) {
+    throw InvalidInput(fmt::format("TASK = {}: must be {}, the task of {}, or left out",
+                                   arguments.task, saved_task, arguments.resume));
+  }
+  settings.insert(settings.end(), given.begin(), given.end());
+  ResolvedRun run = ResolveConfig(settings);
+  LearnerState state = directory.ReadState(run.task, run.config.learner);
+  // A policy is written after the first checkpoint; starting anew would overwrite it.
+  if (state.episodes.empty() && std::filesystem::exists(directory.path() / "policy.json")) {
+    throw InvalidInput(fmt::format("{}: missing, though policy.json is there; must be the run's",
+                                   (directory.path() / "checkpoint.json").string()));
+  }
+  Learner learner(run.task, run.config.learner, std::move(state));
+  // The run's settings are from now on the ones it goes on with.
+  if (!given.empty()) WriteFileAtomically(config_file, WriteConfig(run.config));
+  directory.Write(learner);
+  return {std::move(run.config), std::move(directory), std::move(learner)};
+}
+
+// "episodes 1 to 3 are kept in DIR; go on with: downpour learn --resume DIR"
+std::string KeptMessage(const LearnerState& state, const std::string& directory) {
+  const std::size_t n = state.episodes.size();
+  const std::string kept = n == 0   ? "no episode was finished"
+                           : n == 1 ? fmt::format("episode 1 is kept in {}", directory)
+                                    : fmt::format("episodes 1 to {} are kept in {}", n, directory);
+  return fmt::format("{}; go on with: downpour learn --resume {}", kept, directory);
+}
+
+void RunToTheEnd(OpenRun* run) {
+  Learner& learner = run->learner;
+  const std::string directory = run->directory.path().string();
+  InstallStopHandler();
+  Progress progress(run->config);
+  progress.Start(learner, directory);
+  Learner::Callbacks callbacks;
+  callbacks.phase = [&](const std::string& phase) { progress.Phase(learner, phase); };
+  callbacks.search = [&](const PolicySearchProgress& search) { progress.Search(search); };
+  callbacks.stop = &stop_requested;
+  while (!learner.done()) {
+    const EpisodeRecord& record = learner.RunEpisode(callbacks);
+    run->directory.Write(learner);
+    progress.Episode(record);
+  }
+  progress.Finish(learner, directory);
+}
+
+void Learn(const LearnArguments& arguments) {
+  OpenRun run = arguments.resume.empty() ? NewRun(arguments) : ResumedRun(arguments);
+  const std::string directory = run.directory.path().string();
+  try {
+    RunToTheEnd(&run);
+  } catch (const Interrupted&) {
+    throw RunInterrupted("interrupted; " + KeptMessage(run.learner.state(), directory));
+  } catch (const FileError& error) {
+    // The episode that could not be written is not among those kept.
+    const LearnerState kept = run.directory.ReadState(run.learner.task(), run.config.learner);
+    throw FileError(fmt::format("{}; {}", error.what(), KeptMessage(kept, directory)));
+  }
+}
+
+}  // namespace
+
+void AddLearnCommand(CLI::App* app) {
+  CLI::App* command = app->add_subcommand("learn", "Learn a policy for a task from scratch");
+  auto arguments = std::make_shared<LearnArguments>();
+  command->add_option("TASK", arguments->task, "Task to learn; downpour tasks lists them");
+  command->add_option("--config", arguments->config_file, "TOML file of settings")
+      ->type_name("FILE");
+  command->add_option("--set", arguments->assignments, "One setting by its TOML key; repeatable")
+      ->type_name("KEY=VALUE")
+      ->allow_extra_args(false);
+  command->add_option("--resume", arguments->resume, "Run directory to go on with")
+      ->type_name("RUN");
+  RunConfig defaults;
+  for (const Field& field : ConfigFields(defaults)) {
+    if (field.option.empty()) continue;
+    const std::string help = fmt::format("{} [{}]", field.description, field.key);
+    OptionValue& value = arguments->options[field.key];
+    if (std::holds_alternative<bool*>(field.target)) {
+      value.option = command->add_flag(field.option, value.flag, help);
+    } else {
+      const bool is_number = field.max > field.min;
+      value.option = command->add_option(field.option, value.text, help)
+                         ->type_name(is_number               ? "N"
+                                     : field.choices.empty() ? "PATH"
+                                                             : "NAME");
+    }
+  }
+  command->footer(
+      "Settings: the task's own, then --config, then --set, then the options; the key of an\n"
+      "option is in brackets. config.toml in the run directory holds all of them, described.\n"
+      "A run ends with the same results however often it is stopped and resumed; --resume takes\n"
+      "only --episodes, --threads, --until-solved, --quiet and --json besides.");
+  command->callback([arguments] { Learn(*arguments); });
+}
+
+}  // namespace downpour

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/downpour/suggest.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cstddef>
+#include <numeric>
+
+namespace downpour {
+namespace {
+
+// Levenshtein distance.
+std::size_t EditDistance(const std::string& a, const std::string& b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    std::size_t diagonal = row[0];
+    row[0] = i + 1;
+    for (std::size_t j = 0; j < b.size(); ++j) {
+      const std::size_t replaced = diagonal + (a[i] == b[j] ? 0 : 1);
+      diagonal = row[j + 1];
+      row[j + 1] = std::min({replaced, row[j] + 1, row[j + 1] + 1});
+    }
+  }
+  return row.back();
+}
+
+}  // namespace
+
+std::string Suggest(const std::string& name, const std::vector<std::string>& allowed) {
+  std::size_t closest = 0;
+  std::size_t distance = name.size();
+  for (std::size_t i = 0; i < allowed.size(); ++i) {
+    const std::size_t d = EditDistance(name, allowed[i]);
+    if (d < distance) {
+      distance = d;
+      closest = i;
+    }
+  }
+  // More than a third of the letters wrong is no typing slip.
+  if (3 * distance <= name.size()) return fmt::format("did you mean {}?", allowed[closest]);
+  return fmt::format("allowed: {}", fmt::join(allowed, ", "));
+}
+
+}  // namespace downpour
