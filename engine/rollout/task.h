@@ -56,6 +56,7 @@ struct Task {
   // The search's first-run and restart widths that suit the task (DESIGN 5, measured).
   double search_first_sigma = 1;
   double search_restart_sigma = 5;
+  double search_restart_decades = 1;
   double control_period = 0.1;  // s
   int horizon = 40;             // steps an episode
   SaturatingReward reward;

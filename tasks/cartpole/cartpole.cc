@@ -81,6 +81,7 @@ Task Make(const std::string& preset, const std::string& mjcf_file) {
   task.parameter_bound = 5;
   task.search_first_sigma = 0.5;
   task.search_restart_sigma = 2.5;
+  task.search_restart_decades = 1;
   task.control_period = 0.1;
   task.horizon = 40;
   task.reward = paper ? PaperReward() : TipReward();

@@ -208,6 +208,7 @@ ResolvedRun ResolveConfig(const std::vector<Setting>& settings) {
   search.bound = run.task.parameter_bound;
   search.first_sigma = run.task.search_first_sigma;
   search.restart_sigma = run.task.search_restart_sigma;
+  search.restart_decades = run.task.search_restart_decades;
   ApplySettings(ConfigFields(run.config), settings);
   run.config.mjcf = named.mjcf;
   return run;

@@ -1,0 +1,258 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "engine/learner/checkpoint.h"
+
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "engine/errors.h"
+#include "engine/learner/atomic_file.h"
+#include "engine/learner/json_field.h"
+#include "engine/learner/learner_checks.h"
+#include "engine/rollout/policy.h"
+
+namespace downpour {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr const char* kFormat = "downpour checkpoint";
+constexpr int kMaxInt = std::numeric_limits<int>::max();
+constexpr std::int64_t kMaxInt64 = std::numeric_limits<std::int64_t>::max();
+
+// 64-bit FNV-1a as 16 hexadecimal digits (http://www.isthe.com/chongo/tech/comp/fnv).
+std::string Checksum(std::string_view text) {
+  std::uint64_t hash = 0xcbf29ce484222325;
+  for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3;
+  std::string digits(16, '0');
+  for (int i = 15; i >= 0; --i, hash >>= 4) digits[i] = "0123456789abcdef"[hash & 15];
+  return digits;
+}
+
+// What defines the task, as far as results depend on it.
+Json TaskSettings(const Task& task) {
+  Json features = Json::array();
+  for (const Feature& feature : task.features) {
+    features.push_back({static_cast<int>(feature.kind), feature.state_index});
+  }
+  return {{"task", task.name},
+          {"preset", task.preset},
+          {"task.features", features},
+          {"task.horizon", task.horizon},
+          {"task.control_period", JsonNumber(task.control_period)},
+          {"task.action_limits", JsonNumbers(task.action_limits)},
+          {"task.start_mean", JsonNumbers(task.start_mean)},
+          {"task.start_std", JsonNumbers(task.start_std)},
+          {"task.observation_std", JsonNumbers(task.observation_std)},
+          {"task.policy_input_scale", JsonNumbers(task.policy_input_scale)},
+          {"task.reward.a", JsonNumbers(task.reward.a)},
+          {"task.reward.b", JsonNumbers(task.reward.b)},
+          {"task.reward.width", JsonNumber(task.reward.width)}};
+}
+
+// All settings that results depend on, by the name the user gives them.
+Json Settings(const Task& task, const LearnerOptions& options) {
+  static constexpr std::array kRestarts = {"bipop", "small"};
+  static constexpr std::array kUncertainty = {"off", "sigma", "rollouts"};
+  // Named one by one, so that a new option does not compile until it is here.
+  const auto& [restarts, max_evaluations] = options.model;
+  const auto& [use_variance, predict_noise, sample_clamp, threads] = options.rollout;
+  static_cast<void>(threads);
+  const auto& [evaluations, population, rollouts, max_rollouts, concurrent, exploration,
+               final_rollouts, bound, first_sigma, restart_sigma, restart_decades, restart_strategy,
+               uncertainty] = options.search;
+  Json settings = {{"learn.seed", options.seed},
+                   {"learn.random_episodes", options.random_episodes},
+                   {"policy.hidden_units", options.hidden_units},
+                   {"model.restarts", restarts},
+                   {"model.max_evaluations", max_evaluations},
+                   {"rollout.variance", use_variance},
+                   {"rollout.predict_noise", predict_noise},
+                   {"rollout.sample_clamp", JsonNumber(sample_clamp)},
+                   {"search.evaluations", evaluations},
+                   {"search.population", population},
+                   {"search.rollouts", rollouts},
+                   {"search.max_rollouts", max_rollouts},
+                   {"search.concurrent", concurrent},
+                   {"search.exploration", JsonNumber(exploration)},
+                   {"search.final_rollouts", final_rollouts},
+                   {"search.bound", JsonNumber(bound)},
+                   {"search.first_sigma", JsonNumber(first_sigma)},
+                   {"search.restart_sigma", JsonNumber(restart_sigma)},
+                   {"search.restart_decades", JsonNumber(restart_decades)},
+                   {"search.restarts", kRestarts.at(static_cast<std::size_t>(restart_strategy))},
+                   {"search.uncertainty", kUncertainty.at(static_cast<std::size_t>(uncertainty))}};
+  settings.update(TaskSettings(task));
+  return settings;
+}
+
+void CheckSettings(const Json& wanted, const JsonField& found, const std::string& file) {
+  for (const auto& [name, value] : wanted.items()) {
+    const Json& old = found[name.c_str()].value();
+    if (old == value) continue;
+    throw InvalidInput(file + ": the run was made with " + name + " = " + old.dump() +
+                       ", the configuration says " + value.dump() + ": must be equal to resume");
+  }
+}
+
+Json EpisodeToJson(const EpisodeRecord& record) {
+  Json hyperparameters = Json::array();
+  for (const Hyperparameters& h : record.hyperparameters) {
+    hyperparameters.push_back({{"lengthscales", JsonNumbers(h.lengthscales)},
+                               {"signal_std", JsonNumber(h.signal_std)},
+                               {"noise_std", JsonNumber(h.noise_std)}});
+  }
+  Json runs = Json::array();
+  for (const RunRecord& run : record.runs) {
+    runs.push_back({{"run", run.run},
+                    {"large", run.large},
+                    {"population", run.population},
+                    {"initial_sigma", JsonNumber(run.initial_sigma)},
+                    {"evaluations", run.evaluations},
+                    {"stop", run.stop},
+                    {"mean_return", JsonNumber(run.mean_return)}});
+  }
+  return {{"episode", record.episode},
+          {"random", record.random},
+          {"interaction_seconds", JsonNumber(record.interaction_seconds)},
+          {"points", record.points},
+          {"model_seconds", JsonNumber(record.model_seconds)},
+          {"search_seconds", JsonNumber(record.search_seconds)},
+          {"evaluations", record.evaluations},
+          {"gp_queries", record.gp_queries},
+          {"diverged", record.diverged},
+          {"predicted_return", JsonNumber(record.predicted_return)},
+          {"real_return", JsonNumber(record.real_return)},
+          {"solved", record.solved},
+          {"policy", JsonNumbers(record.policy)},
+          {"hyperparameters", hyperparameters},
+          {"runs", runs}};
+}
+
+Json TransitionToJson(const Transition& transition) {
+  return {{"episode", transition.episode},
+          {"step", transition.step},
+          {"observation", JsonNumbers(transition.observation)},
+          {"action", JsonNumbers(transition.action)},
+          {"next_observation", JsonNumbers(transition.next_observation)},
+          {"next_state", JsonNumbers(transition.next_state)},
+          {"reward", JsonNumber(transition.reward)}};
+}
+
+RunRecord RunFromJson(const JsonField& field) {
+  RunRecord run;
+  run.run = field["run"].Int(0, kMaxInt);
+  run.large = field["large"].Bool();
+  run.population = field["population"].Int(0, kMaxInt);
+  run.initial_sigma = field["initial_sigma"].Number();
+  run.evaluations = field["evaluations"].Integer(0, kMaxInt64);
+  run.stop = field["stop"].String();
+  run.mean_return = field["mean_return"].Number();
+  return run;
+}
+
+EpisodeRecord EpisodeFromJson(const JsonField& field) {
+  EpisodeRecord record;
+  record.episode = field["episode"].Int(1, kMaxInt);
+  record.random = field["random"].Bool();
+  record.interaction_seconds = field["interaction_seconds"].Number();
+  record.points = field["points"].Int(0, kMaxInt);
+  record.model_seconds = field["model_seconds"].Number();
+  record.search_seconds = field["search_seconds"].Number();
+  record.evaluations = field["evaluations"].Integer(0, kMaxInt64);
+  record.gp_queries = field["gp_queries"].Integer(0, kMaxInt64);
+  record.diverged = field["diverged"].Integer(0, kMaxInt64);
+  record.predicted_return = field["predicted_return"].Number();
+  record.real_return = field["real_return"].Number();
+  record.solved = field["solved"].Bool();
+  record.policy = field["policy"].Numbers();
+  for (const JsonField& item : field["hyperparameters"].Items()) {
+    record.hyperparameters.push_back(
+        {item["lengthscales"].Numbers(), item["signal_std"].Number(), item["noise_std"].Number()});
+  }
+  for (const JsonField& item : field["runs"].Items()) record.runs.push_back(RunFromJson(item));
+  return record;
+}
+
+Transition TransitionFromJson(const JsonField& field) {
+  return {.episode = field["episode"].Int(1, kMaxInt),
+          .step = field["step"].Int(0, kMaxInt),
+          .observation = field["observation"].Numbers(),
+          .action = field["action"].Numbers(),
+          .next_observation = field["next_observation"].Numbers(),
+          .next_state = field["next_state"].Numbers(),
+          .reward = field["reward"].Number()};
+}
+
+// Throws unless the file is a checkpoint of a version this program reads, as it was written.
+void CheckEnvelope(const JsonField& root, const std::string& file) {
+  if (root["format"].String() != kFormat) {
+    root["format"].Fail("\"" + std::string(kFormat) + "\"");
+  }
+  const int version = root["version"].Int(1, kMaxInt);
+  if (version != kCheckpointVersion) {
+    throw InvalidInput(file + ": version " + std::to_string(version) + ", this program reads " +
+                       std::to_string(kCheckpointVersion));
+  }
+  const std::string found = root["checksum"].String();
+  const std::string wanted = Checksum(root["payload"].value().dump());
+  if (found != wanted) {
+    throw InvalidInput(file + ": corrupted: checksum is \"" + wanted + "\", must be " +
+                       root["checksum"].value().dump());
+  }
+}
+
+}  // namespace
+
+std::string FormatCheckpoint(const Task& task, const LearnerOptions& options,
+                             const LearnerState& state) {
+  Json payload = {{"settings", Settings(task, options)},
+                  {"episodes", Json::array()},
+                  {"transitions", Json::array()}};
+  for (const EpisodeRecord& record : state.episodes) {
+    payload["episodes"].push_back(EpisodeToJson(record));
+  }
+  for (const Transition& transition : state.transitions) {
+    payload["transitions"].push_back(TransitionToJson(transition));
+  }
+  const std::string text = payload.dump();
+  return "{\"format\":\"" + std::string(kFormat) +
+         "\",\"version\":" + std::to_string(kCheckpointVersion) + ",\"checksum\":\"" +
+         Checksum(text) + "\",\n\"payload\":" + text + "}\n";
+}
+
+LearnerState ParseCheckpoint(const Task& task, const LearnerOptions& options, std::string_view text,
+                             const std::string& file) {
+  const Json json = ParseJson(text, file);
+  const JsonField root(json, file);
+  CheckEnvelope(root, file);
+  const JsonField payload = root["payload"];
+  CheckSettings(Settings(task, options), payload["settings"], file);
+  LearnerState state;
+  for (const JsonField& item : payload["episodes"].Items()) {
+    state.episodes.push_back(EpisodeFromJson(item));
+  }
+  for (const JsonField& item : payload["transitions"].Items()) {
+    state.transitions.push_back(TransitionFromJson(item));
+  }
+  try {
+    CheckState(task, options, MakeNeuralNetworkPolicy(task, options.hidden_units)->n_parameters(),
+               state);
+  } catch (const InvalidInput& error) {
+    throw InvalidInput(file + ": " + error.what());
+  }
+  return state;
+}
+
+void WriteCheckpoint(const std::filesystem::path& path, const Task& task,
+                     const LearnerOptions& options, const LearnerState& state) {
+  WriteFileAtomically(path, FormatCheckpoint(task, options, state));
+}
+
+LearnerState ReadCheckpoint(const std::filesystem::path& path, const Task& task,
+                            const LearnerOptions& options) {
+  return ParseCheckpoint(task, options, ReadFile(path), path.string());
+}
+
+}  // namespace downpour

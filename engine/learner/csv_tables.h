@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <string>
+
+#include "engine/learner/learner.h"
+
+namespace downpour {
+
+// The tables of a run directory as CSV text: a header with names and units, "\n" line ends, numbers
+// that round-trip, true/false, an empty field for NaN.
+
+// A row an episode, nothing measured by a clock.
+std::string EpisodesCsv(const LearnerState& state);
+
+// A row an episode: seconds of model learning and of search, GP queries a second of search.
+std::string TimingCsv(const LearnerState& state);
+
+// A row a step: episode, step, time, observation (E), action (A), next observation (E), noise-free
+// next state (E), reward.
+std::string TransitionsCsv(const Task& task, const LearnerState& state);
+
+// A row an episode, output and hyper-parameter: lengthscales by input, signal_std, noise_std.
+std::string HyperparametersCsv(const Task& task, const LearnerState& state);
+
+}  // namespace downpour

@@ -1,0 +1,183 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "engine/learner/learner.h"
+
+#include <omp.h>
+
+#include <algorithm>
+#include <chrono>
+#include <iterator>
+#include <limits>
+#include <utility>
+
+#include "engine/errors.h"
+#include "engine/learner/execute.h"
+#include "engine/learner/learner_checks.h"
+#include "engine/search/search_options.h"
+#include "kernels/philox/philox.h"
+
+namespace downpour {
+namespace {
+
+// Keeps BLAS calls of the calling thread on one thread: OpenBLAS splits a factorisation by the
+// number of OpenMP threads, and with it the last bits. Our own regions name their thread count.
+class SerialBlas {
+ public:
+  SerialBlas() : threads_(omp_get_max_threads()) { omp_set_num_threads(1); }
+  SerialBlas(const SerialBlas&) = delete;
+  SerialBlas& operator=(const SerialBlas&) = delete;
+  ~SerialBlas() { omp_set_num_threads(threads_); }
+
+ private:
+  int threads_;
+};
+
+double SecondsSince(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+// Says which phase begins; the last chance to stop before it.
+void BeginPhase(const Learner::Callbacks& callbacks, const char* phase) {
+  if (callbacks.stop != nullptr && *callbacks.stop) throw Interrupted();
+  if (callbacks.phase) callbacks.phase(phase);
+}
+
+// The last record with a learnt policy, or nullptr.
+const EpisodeRecord* LastLearnt(const LearnerState& state) {
+  return state.episodes.empty() || state.episodes.back().random ? nullptr : &state.episodes.back();
+}
+
+// Inputs (features of the observation, action), targets next observation - observation (paper,
+// section III-B).
+Dataset MakeDataset(const Task& task, const std::vector<Transition>& transitions) {
+  Dataset data;
+  const int n = static_cast<int>(transitions.size());
+  data.inputs.resize(n, task.n_inputs());
+  data.targets.resize(n, task.n_states());
+  std::vector<double> features(task.features.size());
+  for (int i = 0; i < n; ++i) {
+    const Transition& transition = transitions[i];
+    ComputeFeatures(task, transition.observation, features);
+    for (int f = 0; f < task.n_features(); ++f) data.inputs(i, f) = features[f];
+    for (int a = 0; a < task.n_actions(); ++a) {
+      data.inputs(i, task.n_features() + a) = transition.action[a];
+    }
+    for (int e = 0; e < task.n_states(); ++e) {
+      data.targets(i, e) = transition.next_observation[e] - transition.observation[e];
+    }
+  }
+  return data;
+}
+
+// Learns the model of all transitions so far and fills the record's model fields.
+std::vector<GpFactor> LearnModel(const Task& task, const LearnerOptions& options,
+                                 const LearnerState& state, EpisodeRecord* record) {
+  const auto start = std::chrono::steady_clock::now();
+  const Dataset data = MakeDataset(task, state.transitions);
+  const EpisodeRecord* last = LastLearnt(state);
+  const std::vector<GpFit> fits = FitHyperparameters(
+      data, last == nullptr ? std::vector<Hyperparameters>() : last->hyperparameters, options.model,
+      options.seed, static_cast<std::uint32_t>(record->episode), options.rollout.threads);
+  std::vector<GpFactor> factors;
+  for (int e = 0; e < data.n_outputs(); ++e) {
+    record->hyperparameters.push_back(fits[e].hyperparameters);
+    factors.push_back(ExactGp(data.inputs, data.targets.col(e), fits[e].hyperparameters).Pack());
+  }
+  record->points = data.n_points();
+  record->model_seconds = SecondsSince(start);
+  return factors;
+}
+
+// Searches from the last policy, or from the origin, and fills the record's search fields.
+void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerState& state,
+                 const Policy& policy, const std::vector<GpFactor>& factors,
+                 const Learner::Callbacks& callbacks, EpisodeRecord* record) {
+  const auto start = std::chrono::steady_clock::now();
+  Evaluator evaluator(task, policy, factors, options.rollout);
+  const BatchObjective objective = [&](const CandidateBatch& batch, std::span<double> returns) {
+    evaluator.Evaluate(batch.parameters, batch.keys, batch.n_rollouts, batch.first_rollout,
+                       returns);
+  };
+  const EpisodeRecord* last = LastLearnt(state);
+  const std::vector<double> first =
+      last == nullptr ? std::vector<double>(policy.n_parameters(), 0.0) : last->policy;
+  PolicySearchResult result =
+      SearchPolicy(options.search, first, options.seed, static_cast<std::uint32_t>(record->episode),
+                   objective, callbacks.search, callbacks.stop);
+  record->policy = std::move(result.parameters);
+  record->predicted_return = result.predicted_return;
+  record->evaluations = result.evaluations;
+  record->runs = std::move(result.runs);
+  record->gp_queries = evaluator.statistics().gp_queries;
+  record->diverged = evaluator.statistics().diverged;
+  record->search_seconds = SecondsSince(start);
+}
+
+// Actions uniform in the limits (random) or of the record's policy.
+Controller MakeController(const Task& task, const Policy& policy, const EpisodeRecord& record,
+                          std::uint64_t seed) {
+  if (!record.random) {
+    return [&policy, &record](int, std::span<const double> features, std::span<double> action) {
+      policy.Act(record.policy, features, action);
+    };
+  }
+  const StreamKey key =
+      DeriveKey(seed, StreamPurpose::kRandomEpisode, {static_cast<std::uint32_t>(record.episode)});
+  return [&task, key](int step, std::span<const double>, std::span<double> action) {
+    FillUniforms(key, static_cast<std::uint32_t>(step), action.data(), action.size());
+    for (std::size_t i = 0; i < action.size(); ++i) {
+      action[i] = task.action_limits[i] * (2 * action[i] - 1);
+    }
+  };
+}
+
+}  // namespace
+
+Learner::Learner(Task task, LearnerOptions options, LearnerState state)
+    : task_(std::move(task)), options_(std::move(options)), state_(std::move(state)) {
+  CheckOptions(options_);
+  CheckTask(task_);
+  options_.rollout.threads = options_.threads == 0 ? omp_get_num_procs() : options_.threads;
+  policy_ = MakeNeuralNetworkPolicy(task_, options_.hidden_units);
+  CheckPolicySearchOptions(options_.search, std::vector<double>(policy_->n_parameters(), 0.0));
+  CheckState(task_, options_, policy_->n_parameters(), state_);
+  system_ = task_.make_system();
+}
+
+bool Learner::done() const {
+  if (static_cast<int>(state_.episodes.size()) >= options_.episodes) return true;
+  return options_.until_solved && std::any_of(state_.episodes.begin(), state_.episodes.end(),
+                                              [](const EpisodeRecord& e) { return e.solved; });
+}
+
+const EpisodeRecord& Learner::RunEpisode(const Callbacks& callbacks) {
+  const SerialBlas serial_blas;
+  EpisodeRecord record;
+  record.episode = static_cast<int>(state_.episodes.size()) + 1;
+  record.random = record.episode <= options_.random_episodes;
+  record.interaction_seconds = record.episode * task_.horizon * task_.control_period;
+  record.predicted_return = std::numeric_limits<double>::quiet_NaN();
+  if (!record.random) {
+    BeginPhase(callbacks, "model");
+    const std::vector<GpFactor> factors = LearnModel(task_, options_, state_, &record);
+    BeginPhase(callbacks, "search");
+    LearnPolicy(task_, options_, state_, *policy_, factors, callbacks, &record);
+  }
+  BeginPhase(callbacks, "execute");
+  const std::uint32_t episode = static_cast<std::uint32_t>(record.episode);
+  Execution execution =
+      ExecuteEpisode(task_, *system_, record.episode,
+                     DeriveKey(options_.seed, StreamPurpose::kStartState, {episode}),
+                     DeriveKey(options_.seed, StreamPurpose::kObservationNoise, {episode}),
+                     MakeController(task_, *policy_, record, options_.seed));
+  record.real_return = execution.real_return;
+  record.solved = execution.solved;
+  // Room first: nothing below throws with half of the episode in the state.
+  state_.episodes.reserve(state_.episodes.size() + 1);
+  state_.transitions.reserve(state_.transitions.size() + execution.transitions.size());
+  std::move(execution.transitions.begin(), execution.transitions.end(),
+            std::back_inserter(state_.transitions));
+  state_.episodes.push_back(std::move(record));
+  return state_.episodes.back();
+}
+
+}  // namespace downpour

@@ -1,0 +1,98 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "engine/gp/gp_model.h"
+#include "engine/rollout/evaluator.h"
+#include "engine/rollout/policy.h"
+#include "engine/rollout/task.h"
+#include "engine/search/policy_search.h"
+
+namespace downpour {
+
+struct LearnerOptions {
+  int episodes = 15;        // random ones included; [1, 1000]
+  int random_episodes = 1;  // [1, 1000]
+  bool until_solved = false;
+  int hidden_units = 10;  // of the neural-network policy; [1, 256]
+  std::uint64_t seed = 0;
+  int threads = 0;  // 0: all cores
+  GpFitOptions model;
+  PolicySearchOptions search;
+  EvaluatorOptions rollout;
+};
+
+// One step on the real system. Observed values carry the observation noise; `next_state` of the
+// noise-free pair is kept for the solved test and the plots.
+struct Transition {
+  int episode = 0;
+  int step = 0;
+  std::vector<double> observation;       // (E) before the action
+  std::vector<double> action;            // (A)
+  std::vector<double> next_observation;  // (E)
+  std::vector<double> next_state;        // (E) noise-free
+  double reward = 0;                     // of next_state
+};
+
+struct EpisodeRecord {
+  int episode = 0;  // from 1
+  bool random = false;
+  double interaction_seconds = 0;  // so far
+  int points = 0;                  // the model was learnt from; 0 for a random episode
+  double model_seconds = 0;
+  double search_seconds = 0;
+  std::int64_t evaluations = 0;
+  std::int64_t gp_queries = 0;
+  std::int64_t diverged = 0;
+  double predicted_return = 0;  // NaN for a random episode
+  double real_return = 0;
+  bool solved = false;
+  std::vector<double> policy;                    // (P), empty for a random episode
+  std::vector<Hyperparameters> hyperparameters;  // (E), empty for a random episode
+  std::vector<RunRecord> runs;
+};
+
+// All that the next episode depends on; what a checkpoint holds.
+struct LearnerState {
+  std::vector<EpisodeRecord> episodes;
+  std::vector<Transition> transitions;
+};
+
+// The Black-DROPS loop (paper Alg. 1). An episode depends only on (task, options except threads,
+// state), so a run that stops between episodes and goes on ends with the same bits.
+class Learner {
+ public:
+  struct Callbacks {
+    std::function<void(const std::string& phase)> phase;  // "model", "search", "execute"
+    std::function<void(const PolicySearchProgress&)> search;
+    const std::atomic<bool>* stop = nullptr;
+  };
+
+  // Throws InvalidInput if an option is out of range or the task is inconsistent.
+  Learner(Task task, LearnerOptions options, LearnerState state = {});
+
+  bool done() const;  // all episodes run, or solved with until_solved
+  // Runs the next episode and appends it to state(). Throws Interrupted, state() unchanged, if
+  // callbacks.stop became true.
+  const EpisodeRecord& RunEpisode(const Callbacks& callbacks);
+
+  const Task& task() const { return task_; }
+  const LearnerOptions& options() const { return options_; }
+  const LearnerState& state() const { return state_; }
+  const Policy& policy() const { return *policy_; }
+
+ private:
+  Task task_;
+  LearnerOptions options_;
+  LearnerState state_;
+  std::unique_ptr<Policy> policy_;
+  std::unique_ptr<System> system_;
+};
+
+}  // namespace downpour

@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "engine/learner/learner_checks.h"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "engine/errors.h"
+#include "engine/learner/text_format.h"
+
+namespace downpour {
+namespace {
+
+void CheckRange(const char* name, int value, int low, int high) {
+  if (value >= low && value <= high) return;
+  throw InvalidInput(std::string(name) + " = " + std::to_string(value) + ": must be in [" +
+                     std::to_string(low) + ", " + std::to_string(high) + "]");
+}
+
+void CheckSize(const std::string& name, std::size_t size, std::size_t wanted) {
+  if (size == wanted) return;
+  throw InvalidInput(name + " has " + std::to_string(size) + " entries: must be " +
+                     std::to_string(wanted));
+}
+
+void CheckFinite(const std::string& name, double value) {
+  if (std::isfinite(value)) return;
+  throw InvalidInput(name + " = " + FormatNumber(value) + ": must be finite");
+}
+
+void CheckPositive(const std::string& name, double value) {
+  if (std::isfinite(value) && value > 0) return;
+  throw InvalidInput(name + " = " + FormatNumber(value) + ": must be finite and > 0");
+}
+
+void CheckNotNegative(const std::string& name, double value) {
+  if (std::isfinite(value) && value >= 0) return;
+  throw InvalidInput(name + " = " + FormatNumber(value) + ": must be finite and >= 0");
+}
+
+void CheckEqual(const std::string& name, std::int64_t value, std::int64_t wanted) {
+  if (value == wanted) return;
+  throw InvalidInput(name + " = " + std::to_string(value) + ": must be " + std::to_string(wanted));
+}
+
+// `check` of every one of the `wanted` entries.
+void CheckEach(const std::string& name, const std::vector<double>& values, int wanted,
+               void (*check)(const std::string&, double)) {
+  CheckSize(name, values.size(), static_cast<std::size_t>(wanted));
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    check(name + "[" + std::to_string(i) + "]", values[i]);
+  }
+}
+
+void CheckEpisode(const std::string& name, const EpisodeRecord& record, const Task& task,
+                  int n_parameters) {
+  CheckFinite(name + ".real_return", record.real_return);
+  CheckEach(name + ".policy", record.policy, record.random ? 0 : n_parameters, CheckFinite);
+  CheckSize(name + ".hyperparameters", record.hyperparameters.size(),
+            record.random ? 0 : task.n_states());
+  for (std::size_t e = 0; e < record.hyperparameters.size(); ++e) {
+    const std::string output = name + ".hyperparameters[" + std::to_string(e) + "]";
+    const Hyperparameters& parameters = record.hyperparameters[e];
+    CheckEach(output + ".lengthscales", parameters.lengthscales, task.n_inputs(), CheckPositive);
+    CheckPositive(output + ".signal_std", parameters.signal_std);
+    CheckPositive(output + ".noise_std", parameters.noise_std);
+  }
+}
+
+void CheckTransition(const std::string& name, const Transition& transition, const Task& task) {
+  CheckEach(name + ".observation", transition.observation, task.n_states(), CheckFinite);
+  CheckEach(name + ".action", transition.action, task.n_actions(), CheckFinite);
+  CheckEach(name + ".next_observation", transition.next_observation, task.n_states(), CheckFinite);
+  CheckEach(name + ".next_state", transition.next_state, task.n_states(), CheckFinite);
+  CheckFinite(name + ".reward", transition.reward);
+}
+
+}  // namespace
+
+void CheckOptions(const LearnerOptions& options) {
+  CheckRange("learn.episodes", options.episodes, 1, 1000);
+  CheckRange("learn.random_episodes", options.random_episodes, 1, 1000);
+  CheckRange("policy.hidden_units", options.hidden_units, 1, 256);
+  CheckRange("learn.threads", options.threads, 0, 1024);
+  CheckRange("model.restarts", options.model.restarts, 0, 100);
+  CheckRange("model.max_evaluations", options.model.max_evaluations, 1, 100000);
+  CheckNotNegative("rollout.sample_clamp", options.rollout.sample_clamp);
+}
+
+void CheckTask(const Task& task) {
+  const std::string prefix = "task " + task.name + ": ";
+  const int n_states = task.n_states();
+  CheckRange((prefix + "number of states").c_str(), n_states, 1, 1000);
+  CheckRange((prefix + "number of features").c_str(), task.n_features(), 1, 1000);
+  CheckRange((prefix + "number of actions").c_str(), task.n_actions(), 1, 1000);
+  CheckRange((prefix + "horizon").c_str(), task.horizon, 1, 1000000);
+  CheckSize(prefix + "feature_names", task.feature_names.size(), task.features.size());
+  for (const Feature& feature : task.features) {
+    CheckRange((prefix + "feature's state_index").c_str(), feature.state_index, 0, n_states - 1);
+  }
+  CheckEach(prefix + "action_limits", task.action_limits, task.n_actions(), CheckPositive);
+  CheckEach(prefix + "start_mean", task.start_mean, n_states, CheckFinite);
+  CheckEach(prefix + "start_std", task.start_std, n_states, CheckNotNegative);
+  CheckEach(prefix + "observation_std", task.observation_std, n_states, CheckNotNegative);
+  CheckEach(prefix + "policy_input_scale", task.policy_input_scale, task.n_features(),
+            CheckPositive);
+  CheckPositive(prefix + "control_period", task.control_period);
+  CheckPositive(prefix + "reward.width", task.reward.width);
+  CheckEach(prefix + "reward.a", task.reward.a, task.reward.n_rows * task.n_features(),
+            CheckFinite);
+  CheckEach(prefix + "reward.b", task.reward.b, task.reward.n_rows, CheckFinite);
+  if (!task.solved) throw InvalidInput(prefix + "solved is empty: must be a function");
+  if (!task.make_system) throw InvalidInput(prefix + "make_system is empty: must be a function");
+}
+
+void CheckState(const Task& task, const LearnerOptions& options, int n_parameters,
+                const LearnerState& state) {
+  CheckSize("transitions", state.transitions.size(), state.episodes.size() * task.horizon);
+  for (std::size_t i = 0; i < state.episodes.size(); ++i) {
+    const EpisodeRecord& record = state.episodes[i];
+    const std::string name = "episodes[" + std::to_string(i) + "]";
+    CheckEqual(name + ".episode", record.episode, static_cast<std::int64_t>(i) + 1);
+    CheckEqual(name + ".random", record.random, record.episode <= options.random_episodes);
+    CheckEpisode(name, record, task, n_parameters);
+  }
+  for (std::size_t i = 0; i < state.transitions.size(); ++i) {
+    const Transition& transition = state.transitions[i];
+    const std::string name = "transitions[" + std::to_string(i) + "]";
+    CheckEqual(name + ".episode", transition.episode,
+               static_cast<std::int64_t>(i) / task.horizon + 1);
+    CheckEqual(name + ".step", transition.step, static_cast<std::int64_t>(i) % task.horizon);
+    CheckTransition(name, transition, task);
+  }
+}
+
+}  // namespace downpour

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "engine/learner/learner.h"
+
+namespace downpour {
+
+// The directory of one run. Every file is text and replaced atomically; numbers have the digits
+// that give the same double back, a NaN in a CSV file is an empty field. Files:
+//   config.toml              the resolved configuration, as the caller handed it in
+//   episodes.csv             one row an episode; no clock in it: the same bytes for any thread
+//                            count and after a resume
+//   timing.csv               one row an episode: seconds of model learning and search, queries/s
+//   transitions.csv          one row a step on the real system, names and units in the header
+//   policy_<episode>.json    a learnt policy with all that running it takes (saved_policy.h)
+//   policy.json              the last of them
+//   hyperparameters.csv      one row an episode, output and hyper-parameter
+//   checkpoint.json          the state (checkpoint.h), written last: what it holds is kept
+// Not thread-safe; one process a directory.
+class RunDirectory {
+ public:
+  // Makes `path`, parents included, and writes config.toml. Throws InvalidInput if `path` is a
+  // directory with files in it (an existing run is never overwritten) or no directory, FileError if
+  // it cannot be made or written.
+  static RunDirectory Create(const std::filesystem::path& path, const std::string& config_toml);
+
+  // An existing run. Throws InvalidInput if `path` is no directory with a config.toml.
+  static RunDirectory Open(const std::filesystem::path& path);
+
+  const std::filesystem::path& path() const { return path_; }
+
+  // Text of config.toml. Throws FileError.
+  std::string ReadConfig() const;
+
+  // The state to go on from: that of checkpoint.json, or an empty one if the run was stopped before
+  // its first checkpoint. Throws as ReadCheckpoint does (checkpoint.h).
+  LearnerState ReadState(const Task& task, const LearnerOptions& options) const;
+
+  // Writes all files for the learner's state, except config.toml and the policies of earlier
+  // episodes. To be called after every episode, and once after a resume: a crash between two files
+  // may have left the others one episode ahead of checkpoint.json. Throws FileError; what
+  // checkpoint.json held before is then still there.
+  void Write(const Learner& learner) const;
+
+ private:
+  explicit RunDirectory(std::filesystem::path path) : path_(std::move(path)) {}
+  std::filesystem::path path_;
+};
+
+}  // namespace downpour

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "kernels/philox/philox.h"
+
+namespace downpour {
+
+enum class RestartStrategy {
+  kBipop,  // Hansen 2009: a regime of doubling populations beside one of small ones
+  kSmall,  // every restart small: lambda stays, sigma is drawn log-uniformly (DESIGN 5)
+};
+
+// What to do when re-evaluation shows that noise scrambles the ranking (Hansen et al. 2009).
+enum class UncertaintyHandling {
+  kOff,
+  kSigma,     // widen the step size, as Black-DROPS does
+  kRollouts,  // raise the number of rollouts a candidate
+};
+
+struct PolicySearchOptions {
+  std::int64_t evaluations = 300000;  // rollouts an episode's search may spend; [100, 1e12]
+  int population = 0;                 // lambda; 0: twice CMA-ES's default; 0 or [2, 100000]
+  int rollouts = 1;                   // rollouts a candidate; [1, 10000]
+  int max_rollouts = 20;              // limit of kRollouts; [1, 10000]
+  int concurrent = 8;                 // CMA-ES instances that share each batch; [1, 1024]
+  // Share of the evaluations for all runs alike; the rest goes to the best half of them, then to
+  // the best quarter; 1: no such selection; [0.1, 1].
+  double exploration = 0.55;
+  int final_rollouts = 480;      // rollouts that compare the best final means; [1, 1e6]
+  double bound = 5;              // parameters lie in +-bound; > 0
+  double first_sigma = 1;        // step size of the first run, from the last policy; > 0
+  double restart_sigma = 5;      // restarts draw sigma = restart_sigma 10^(-decades U); > 0
+  double restart_decades = 1.3;  // [0, 10]
+  RestartStrategy restarts = RestartStrategy::kSmall;
+  UncertaintyHandling uncertainty = UncertaintyHandling::kOff;
+};
+
+// Evaluates a batch: parameters are rows of `parameters` (n_candidates x P, row-major, within the
+// bounds), candidate c is run n_rollouts[c] times with the streams (keys[c], rollout index) and
+// the sums of rewards of its rollouts are written one after the other, candidate after candidate.
+struct CandidateBatch {
+  int n_candidates = 0;
+  std::span<const double> parameters;
+  std::span<const StreamKey> keys;
+  std::span<const int> n_rollouts;
+  std::span<const int> first_rollout;  // rollout indices of candidate c start here
+};
+using BatchObjective = std::function<void(const CandidateBatch& batch, std::span<double> returns)>;
+
+// How one CMA-ES run ended.
+struct RunRecord {
+  int run = 0;  // 0: the run from the last policy
+  bool large = false;
+  int population = 0;
+  double initial_sigma = 0;
+  std::int64_t evaluations = 0;
+  // The criterion, e.g. "TolX"; "SmallBudget" if a small run used up its share; "budget" if the
+  // search ended first.
+  std::string stop;
+  // Of its final mean: by final_rollouts fresh rollouts if it came among the finalists, else by the
+  // 48 that chose them.
+  double mean_return = 0;
+};
+
+struct PolicySearchProgress {
+  std::int64_t evaluations = 0;
+  std::int64_t budget = 0;
+  int runs_started = 0;
+  double best_return = 0;  // best value of the last generation, all instances together
+  double mean_return = 0;  // mean value of it; both that of the result after the comparison
+};
+
+struct PolicySearchResult {
+  std::vector<double> parameters;  // (P) mean of the best final distribution
+  double predicted_return = 0;     // its mean return by final_rollouts fresh rollouts
+  std::int64_t evaluations = 0;    // rollouts, the final comparison included
+  std::vector<RunRecord> runs;
+};
+
+// Maximises the expected return over policy parameters in +-bound with restarted active CMA-ES
+// (paper, section III-D; DESIGN 5). The first run starts at `start` (P), clipped to the bounds.
+// Fewer instances than `concurrent` run if the budget has no 100 generations for each. When the
+// budget ends, the final means of all runs and `start` itself are compared by fresh rollouts on
+// common random streams, and the best is returned, so that it is never predicted to be worse than
+// `start`. The budget covers the comparison, which takes final_rollouts, or a fortieth of the
+// budget if that is less, for each of at most 8 finalists. All random numbers derive from (seed,
+// episode, run, generation, candidate); the result depends on nothing else, provided that the
+// caller holds OpenBLAS to one thread. A return that is not finite counts as worse than any other.
+// `progress` (may be empty) is called after every batch; `stop` (may be null) is looked at between
+// batches and ends the search by throwing Interrupted. Throws InvalidInput for options out of
+// range, an empty or non-finite start, or a budget that holds not even one generation.
+PolicySearchResult SearchPolicy(const PolicySearchOptions& options, std::span<const double> start,
+                                std::uint64_t seed, std::uint32_t episode,
+                                const BatchObjective& objective,
+                                const std::function<void(const PolicySearchProgress&)>& progress,
+                                const std::atomic<bool>* stop);
+
+}  // namespace downpour

@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "engine/learner/checkpoint.h"
+
+#include <doctest/doctest.h>
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+
+#include "tests/learner/test_run.h"
+
+namespace downpour {
+namespace {
+
+using Json = nlohmann::json;
+
+LearnerState Parse(const std::string& text) {
+  return ParseCheckpoint(PointMassTask(), PointMassOptions(), text, "run/checkpoint.json");
+}
+
+std::string ParseError(const std::string& text) {
+  return ErrorOf<InvalidInput>([&] { Parse(text); });
+}
+
+std::string Text() {
+  return FormatCheckpoint(PointMassTask(), PointMassOptions(), PointMassState());
+}
+
+// A checkpoint whose payload was changed by hand, with the checksum made right again (64-bit
+// FNV-1a, written out once more here).
+std::string TextWith(const std::function<void(Json&)>& change) {
+  Json json = Json::parse(Text());
+  change(json["payload"]);
+  std::uint64_t hash = 14695981039346656037u;
+  for (const unsigned char c : json["payload"].dump()) hash = (hash ^ c) * 1099511628211u;
+  char digits[17];
+  std::snprintf(digits, sizeof(digits), "%016llx", static_cast<unsigned long long>(hash));
+  json["checksum"] = digits;
+  return json.dump();
+}
+
+TEST_CASE("checkpoint: every number comes back with the same bits, NaN and denormals too") {
+  const LearnerState state = PointMassState();
+  const LearnerState read = Parse(Text());
+  CHECK(SameBits(read, state));
+  CHECK(read.episodes[1].model_seconds == state.episodes[1].model_seconds);
+  CHECK(read.episodes[1].search_seconds == state.episodes[1].search_seconds);
+  CHECK(SameBits(Parse(TextWith([](Json&) {})), state));
+}
+
+TEST_CASE("checkpoint: a state without episodes round-trips through a file") {
+  const TemporaryDirectory directory;
+  const std::filesystem::path file = directory.path() / "checkpoint.json";
+  WriteCheckpoint(file, PointMassTask(), PointMassOptions(), {});
+  CHECK(SameBits(ReadCheckpoint(file, PointMassTask(), PointMassOptions()), LearnerState()));
+}
+
+TEST_CASE("checkpoint: a truncated file is refused at every length") {
+  const std::string text = Text();
+  for (std::size_t part = 0; part < 20; ++part) {
+    const std::string error = ParseError(text.substr(0, text.size() * part / 20));
+    CHECK(Contains(error, "run/checkpoint.json: truncated at byte "));
+  }
+}
+
+TEST_CASE("checkpoint: no flipped byte goes unnoticed") {
+  const LearnerState state = PointMassState();
+  const std::string text = Text();
+  int refused = 0;
+  for (std::size_t i = 0; i + 1 < text.size(); ++i) {
+    for (const char mask : {1, 16}) {
+      std::string flipped = text;
+      flipped[i] = static_cast<char>(flipped[i] ^ mask);
+      std::string error;
+      LearnerState read;
+      CHECK_NOTHROW(error = ErrorOf<InvalidInput>([&] { read = Parse(flipped); }));
+      if (!error.empty()) {
+        ++refused;
+        CHECK(error.rfind("run/checkpoint.json: ", 0) == 0);
+        CHECK_FALSE(Contains(error, "\n"));
+      } else {
+        // A last digit that stands for the same double changes nothing.
+        CHECK(SameBits(read, state));
+      }
+    }
+  }
+  CHECK(refused > 0.99 * 2 * (text.size() - 1));
+}
+
+TEST_CASE("checkpoint: a later version is refused by its number") {
+  std::string text = Text();
+  text.replace(text.find("\"version\":1"), 11, "\"version\":2");
+  CHECK(ParseError(text) == "run/checkpoint.json: version 2, this program reads 1");
+}
+
+TEST_CASE("checkpoint: another file is refused") {
+  CHECK(ParseError("[1, 2]") == "run/checkpoint.json: the file = [1,2]: must be an object");
+  CHECK(ParseError("{\"format\": \"x\"}") ==
+        "run/checkpoint.json: format = \"x\": must be \"downpour checkpoint\"");
+  CHECK(ParseError("{}") == "run/checkpoint.json: format is missing");
+  CHECK(ParseError("[1e999]") ==
+        "run/checkpoint.json: a number is beyond the range of a double: must be finite");
+}
+
+TEST_CASE("checkpoint: missing fields and wrong types are named") {
+  const auto error = [](const char* pointer, const Json& value) {
+    return ParseError(TextWith([&](Json& p) { p[Json::json_pointer(pointer)] = value; }));
+  };
+  const std::string at = "run/checkpoint.json: payload.";
+  CHECK(error("/episodes", 3) == at + "episodes = 3: must be an array");
+  CHECK(error("/episodes/1/solved", 1) == at + "episodes[1].solved = 1: must be true or false");
+  CHECK(error("/episodes/1/policy/2", "x") ==
+        at + "episodes[1].policy[2] = \"x\": must be a number");
+  CHECK(error("/episodes/1/runs/0/stop", nullptr) ==
+        at + "episodes[1].runs[0].stop = null: must be a string");
+  CHECK(error("/episodes/1/gp_queries", UINT64_MAX) ==
+        at + "episodes[1].gp_queries = 18446744073709551615: must be an integer in [0, "
+             "9223372036854775807]");
+  CHECK(error("/transitions/3/step", -1) ==
+        at + "transitions[3].step = -1: must be an integer in [0, 2147483647]");
+  CHECK(error("/transitions/3/step", 2147483648) ==
+        at + "transitions[3].step = 2147483648: must be an integer in [0, 2147483647]");
+  CHECK(error("/transitions/3/step", 1.5) ==
+        at + "transitions[3].step = 1.5: must be an integer in [0, 2147483647]");
+  CHECK(ParseError(TextWith([](Json& p) { p["transitions"][4].erase("reward"); })) ==
+        at + "transitions[4].reward is missing");
+}
+
+TEST_CASE("checkpoint: wrong sizes and impossible values are named") {
+  const auto error = [](const char* pointer, const Json& value) {
+    return ParseError(TextWith([&](Json& p) { p[Json::json_pointer(pointer)] = value; }));
+  };
+  const std::string at = "run/checkpoint.json: ";
+  CHECK(error("/transitions/7/observation", {1, 2, 3}) ==
+        at + "transitions[7].observation has 3 entries: must be 2");
+  CHECK(error("/episodes/1/policy", {1}) == at + "episodes[1].policy has 1 entries: must be 5");
+  CHECK(error("/episodes/1/hyperparameters", Json::array()) ==
+        at + "episodes[1].hyperparameters has 0 entries: must be 2");
+  CHECK(error("/episodes/1/hyperparameters/0/lengthscales/1", 0.0) ==
+        at + "episodes[1].hyperparameters[0].lengthscales[1] = 0: must be finite and > 0");
+  CHECK(error("/transitions/0/reward", "nan") ==
+        at + "transitions[0].reward = nan: must be finite");
+  CHECK(error("/episodes/1/episode", 3) == at + "episodes[1].episode = 3: must be 2");
+  CHECK(error("/transitions/6/step", 4) == at + "transitions[6].step = 4: must be 1");
+  CHECK(ParseError(TextWith([](Json& p) { p["transitions"].erase(9); })) ==
+        at + "transitions has 9 entries: must be 10");
+}
+
+TEST_CASE("checkpoint: settings that results depend on must be the run's own") {
+  const auto error = [](const std::function<void(Task&, LearnerOptions&)>& change) {
+    Task task = PointMassTask();
+    LearnerOptions options = PointMassOptions();
+    change(task, options);
+    return ErrorOf<InvalidInput>([&] { ParseCheckpoint(task, options, Text(), "c.json"); });
+  };
+  CHECK(error([](Task&, LearnerOptions& o) { o.seed = 7; }) ==
+        "c.json: the run was made with learn.seed = 18446744073709551615, the configuration says "
+        "7: must "
+        "be equal to resume");
+  CHECK(Contains(error([](Task&, LearnerOptions& o) { o.search.evaluations = 1000; }),
+                 "search.evaluations = 5000, the configuration says 1000"));
+  CHECK(
+      Contains(error([](Task&, LearnerOptions& o) { o.search.restarts = RestartStrategy::kSmall; }),
+               "search.restarts = \"bipop\", the configuration says \"small\""));
+  CHECK(Contains(error([](Task& t, LearnerOptions&) { t.preset = "original-code"; }),
+                 "preset = \"paper\""));
+  CHECK(Contains(error([](Task& t, LearnerOptions&) { t.reward.width = 0.25; }),
+                 "task.reward.width = 0.5"));
+  // A run may go on for longer and on other threads.
+  CHECK(error([](Task&, LearnerOptions& o) {
+          o.episodes = 40;
+          o.until_solved = true;
+          o.threads = 3;
+        }) == "");
+}
+
+}  // namespace
+}  // namespace downpour

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <functional>
+#include <limits>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "engine/errors.h"
+#include "engine/learner/learner.h"
+
+namespace downpour {
+
+// A directory of this test alone, removed at the end.
+class TemporaryDirectory {
+ public:
+  TemporaryDirectory() {
+    std::string name = (std::filesystem::temp_directory_path() / "downpour_test_XXXXXX").string();
+    path_ = ::mkdtemp(name.data());
+  }
+  ~TemporaryDirectory() { std::filesystem::remove_all(path_); }
+  const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
+// A point mass on a line, pushed by a force; Euler steps. State (velocity, position).
+class PointMass : public System {
+ public:
+  void Reset(std::span<const double> state) override { state_ = {state[0], state[1]}; }
+  void Step(std::span<const double> action, std::span<double> state) override {
+    state_[1] += 0.1 * state_[0];
+    state_[0] += 0.1 * action[0];
+    std::copy(state_.begin(), state_.end(), state.begin());
+  }
+
+ private:
+  std::array<double, 2> state_ = {};
+};
+
+// "Bring the mass to position 1"; the names need quotes in CSV and escapes in JSON.
+inline Task PointMassTask() {
+  Task task;
+  task.name = "point_mass";
+  task.preset = "paper";
+  task.states = {{"velocity", "m/s"}, {"position, \"x\"", "m"}};
+  task.features = {{FeatureKind::kIdentity, 0}, {FeatureKind::kIdentity, 1}};
+  task.feature_names = task.states;
+  task.actions = {{"force", "N"}};
+  task.action_limits = {2};
+  task.start_mean = {0, 0};
+  task.start_std = {0.1, 0.2};
+  task.observation_std = {0.01, 0.02};
+  task.policy_input_scale = {1, 1};
+  task.horizon = 5;
+  task.reward = {.n_rows = 1, .a = {0, 1}, .b = {1}, .width = 0.5};
+  task.solved = [](std::span<const double> states) { return states[states.size() - 1] > 0.9; };
+  task.make_system = [] { return std::make_unique<PointMass>(); };
+  return task;
+}
+
+inline bool SameBits(double a, double b) { return std::memcmp(&a, &b, sizeof(double)) == 0; }
+
+inline bool SameBits(const std::vector<double>& a, const std::vector<double>& b) {
+  return a.size() == b.size() &&
+         (a.empty() || std::memcmp(a.data(), b.data(), a.size() * sizeof(double)) == 0);
+}
+
+inline bool SameBits(const EpisodeRecord& a, const EpisodeRecord& b) {
+  bool same = a.episode == b.episode && a.random == b.random &&
+              SameBits(a.interaction_seconds, b.interaction_seconds) && a.points == b.points &&
+              a.evaluations == b.evaluations && a.gp_queries == b.gp_queries &&
+              a.diverged == b.diverged && SameBits(a.predicted_return, b.predicted_return) &&
+              SameBits(a.real_return, b.real_return) && a.solved == b.solved &&
+              SameBits(a.policy, b.policy) && a.runs.size() == b.runs.size() &&
+              a.hyperparameters.size() == b.hyperparameters.size();
+  for (std::size_t i = 0; same && i < a.hyperparameters.size(); ++i) {
+    const Hyperparameters &x = a.hyperparameters[i], &y = b.hyperparameters[i];
+    same = SameBits(x.lengthscales, y.lengthscales) && SameBits(x.signal_std, y.signal_std) &&
+           SameBits(x.noise_std, y.noise_std);
+  }
+  for (std::size_t i = 0; same && i < a.runs.size(); ++i) {
+    const RunRecord &x = a.runs[i], &y = b.runs[i];
+    same = x.run == y.run && x.large == y.large && x.population == y.population &&
+           SameBits(x.initial_sigma, y.initial_sigma) && x.evaluations == y.evaluations &&
+           x.stop == y.stop && SameBits(x.mean_return, y.mean_return);
+  }
+  return same;
+}
+
+// Everything but the wall-clock times.
+inline bool SameBits(const LearnerState& a, const LearnerState& b) {
+  bool same =
+      a.episodes.size() == b.episodes.size() && a.transitions.size() == b.transitions.size();
+  for (std::size_t i = 0; same && i < a.episodes.size(); ++i) {
+    same = SameBits(a.episodes[i], b.episodes[i]);
+  }
+  for (std::size_t i = 0; same && i < a.transitions.size(); ++i) {
+    const Transition &x = a.transitions[i], &y = b.transitions[i];
+    same = x.episode == y.episode && x.step == y.step && SameBits(x.observation, y.observation) &&
+           SameBits(x.action, y.action) && SameBits(x.next_observation, y.next_observation) &&
+           SameBits(x.next_state, y.next_state) && SameBits(x.reward, y.reward);
+  }
+  return same;
+}
+
+// A state as two episodes of PointMassTask with one hidden unit leave it (P = 2 + 1 + 1 + 1), with
+// the numbers that text formats lose.
+inline LearnerState PointMassState() {
+  const double denormal = std::numeric_limits<double>::denorm_min();
+  LearnerState state;
+  for (int episode = 1; episode <= 2; ++episode) {
+    for (int step = 0; step < 5; ++step) {
+      state.transitions.push_back({.episode = episode,
+                                   .step = step,
+                                   .observation = {denormal, -0.0},
+                                   .action = {1.0 / 3},
+                                   .next_observation = {std::nextafter(1.0, 2.0), 1e308},
+                                   .next_state = {0.1 * step, -1e-300},
+                                   .reward = 0.1});
+    }
+  }
+  EpisodeRecord random;
+  random.episode = 1;
+  random.random = true;
+  random.interaction_seconds = 0.5;
+  random.predicted_return = std::numeric_limits<double>::quiet_NaN();
+  EpisodeRecord learnt;
+  learnt.episode = 2;
+  learnt.interaction_seconds = 1;
+  learnt.points = 5;
+  learnt.model_seconds = 0.25;
+  learnt.search_seconds = 0.5;
+  learnt.evaluations = std::int64_t{1} << 53;
+  learnt.gp_queries = std::numeric_limits<std::int64_t>::max();
+  learnt.diverged = 3;
+  learnt.predicted_return = 4.0 / 3;
+  learnt.real_return = denormal;
+  learnt.solved = true;
+  learnt.policy = {0.1, 0.2, 0.3, -0.0, denormal};
+  learnt.hyperparameters = {{{0.1, 0.2, 0.7}, 1.1, 1e-5}, {{1e-300, 1e300, 3}, 2.2, 0.3}};
+  learnt.runs.resize(2);
+  learnt.runs[0].population = 8;
+  learnt.runs[0].initial_sigma = 0.1;
+  learnt.runs[0].stop = "Tol\"X\"\n";
+  learnt.runs[1].run = 1;
+  learnt.runs[1].large = true;
+  learnt.runs[1].mean_return = -std::numeric_limits<double>::infinity();
+  state.episodes = {random, learnt};
+  return state;
+}
+
+inline LearnerOptions PointMassOptions() {
+  LearnerOptions options;
+  options.hidden_units = 1;
+  options.search.evaluations = 5000;
+  options.search.restarts = RestartStrategy::kBipop;
+  options.seed = std::numeric_limits<std::uint64_t>::max();
+  return options;
+}
+
+// what() of the exception E that `action` throws; "" if none.
+template <typename E>
+std::string ErrorOf(const std::function<void()>& action) {
+  try {
+    action();
+  } catch (const E& error) {
+    return error.what();
+  }
+  return "";
+}
+
+inline bool Contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+}  // namespace downpour

@@ -1,0 +1,102 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <vector>
+
+namespace downpour {
+
+// Active CMA-ES in long double, written line by line from the tutorial (arXiv 1604.00772) with
+// C^(-1/2) formed. It takes the steps y_k = (x_k - m) / sigma of given candidates.
+class CmaEsReference {
+ public:
+  using Vector = Eigen::Matrix<long double, Eigen::Dynamic, 1>;
+  using Matrix = Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>;
+
+  CmaEsReference(const Vector& mean, long double initial_sigma, int lambda)
+      : m(mean),
+        sigma(initial_sigma),
+        C(Matrix::Identity(mean.size(), mean.size())),
+        decomposed_C(C),
+        p_sigma(Vector::Zero(mean.size())),
+        p_c(Vector::Zero(mean.size())),
+        weights(lambda) {
+    const long double n = m.size();
+    mu = lambda / 2;
+    long double sum = 0, squares = 0, negative_sum = 0, negative_squares = 0;
+    for (int i = 1; i <= lambda; ++i) {
+      const long double w = std::log((lambda + 1) / 2.0L) - std::log(1.0L * i);
+      weights[i - 1] = w;
+      (i <= mu ? sum : negative_sum) += w;
+      (i <= mu ? squares : negative_squares) += w * w;
+    }
+    mu_eff = sum * sum / squares;
+    const long double mu_eff_minus = negative_sum * negative_sum / negative_squares;
+    c_1 = 2 / (std::pow(n + 1.3L, 2) + mu_eff);
+    c_mu = std::min(1 - c_1, 2 * (mu_eff - 2 + 1 / mu_eff) / (std::pow(n + 2, 2) + mu_eff));
+    const long double scale =
+        std::min(std::min(1 + c_1 / c_mu, 1 + 2 * mu_eff_minus / (mu_eff + 2)),
+                 (1 - c_1 - c_mu) / (n * c_mu));
+    for (int i = 0; i < lambda; ++i) weights[i] *= i < mu ? 1 / sum : scale / -negative_sum;
+  }
+
+  // Power of C as it was decomposed last.
+  Matrix Root(long double power) const {
+    Eigen::SelfAdjointEigenSolver<Matrix> eigen(decomposed_C);
+    const Vector d = eigen.eigenvalues().array().pow(power);
+    return eigen.eigenvectors() * d.asDiagonal() * eigen.eigenvectors().transpose();
+  }
+
+  // Steps and costs of the candidates.
+  void Update(const std::vector<Vector>& y, const std::vector<double>& costs) {
+    ++generation;
+    const long double n = m.size();
+    std::vector<int> order(costs.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::sort(order.begin(), order.end(), [&](int a, int b) { return costs[a] < costs[b]; });
+    Vector y_w = Vector::Zero(m.size());
+    for (int i = 0; i < mu; ++i) y_w += weights[i] * y[order[i]];
+    m += sigma * y_w;
+    const long double c_sigma = (mu_eff + 2) / (n + mu_eff + 5);
+    const long double d_sigma =
+        1 + 2 * std::max(0.0L, std::sqrt((mu_eff - 1) / (n + 1)) - 1) + c_sigma;
+    const long double c_c = (4 + mu_eff / n) / (n + 4 + 2 * mu_eff / n);
+    const Matrix inverse_root = Root(-0.5L);
+    p_sigma = (1 - c_sigma) * p_sigma +
+              std::sqrt(c_sigma * (2 - c_sigma) * mu_eff) * (inverse_root * y_w);
+    const long double chi = std::sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n * n));
+    const long double norm = p_sigma.norm();
+    const bool h = norm / std::sqrt(1 - std::pow(1 - c_sigma, 2 * (generation + 1))) <
+                   (1.4L + 2 / (n + 1)) * chi;
+    p_c = (1 - c_c) * p_c + (h ? 1 : 0) * std::sqrt(c_c * (2 - c_c) * mu_eff) * y_w;
+    long double weight_sum = 0;
+    for (const long double w : weights) weight_sum += w;
+    Matrix next = (1 + c_1 * (h ? 0 : c_c * (2 - c_c)) - c_1 - c_mu * weight_sum) * C +
+                  c_1 * p_c * p_c.transpose();
+    for (std::size_t i = 0; i < weights.size(); ++i) {
+      const Vector& step = y[order[i]];
+      const long double w =
+          weights[i] >= 0 ? weights[i] : weights[i] * n / (inverse_root * step).squaredNorm();
+      next += c_mu * w * step * step.transpose();
+    }
+    C = next;
+    const int interval = static_cast<int>(2 / (n * (c_1 + c_mu)));
+    if (generation % std::max(1, interval) == 0) decomposed_C = C;
+    sigma *= std::exp(c_sigma / d_sigma * (norm / chi - 1));
+  }
+
+  Vector m;
+  long double sigma;
+  Matrix C, decomposed_C;
+  Vector p_sigma, p_c;
+
+ private:
+  std::vector<long double> weights;
+  int mu = 0, generation = 0;
+  long double mu_eff = 0, c_1 = 0, c_mu = 0;
+};
+
+}  // namespace downpour
