@@ -10,23 +10,13 @@
 
 #include "engine/errors.h"
 #include "engine/search/bipop.h"
-#include "engine/search/bounds.h"
 #include "engine/search/cma_es.h"
 #include "engine/search/final_comparison.h"
 #include "engine/search/search_options.h"
-#include "engine/search/uncertainty.h"
+#include "engine/search/search_run.h"
 
 namespace downpour {
 namespace {
-
-// Stopping tolerances. Returns are sums of rewards in [0, 1] over some 40 steps: a run whose
-// candidates all agree to 1e-3 has nothing left to rank.
-constexpr double kReturnTolerance = 1e-3;
-// Standard deviation of a parameter, as a share of the bound, below which candidates are the same
-// policy for all that a noisy return can tell.
-constexpr double kSigmaTolerance = 1e-3;
-// A principal axis this many bounds long samples the box uniformly: the run no longer searches.
-constexpr double kSigmaLimit = 10;
 
 // A run needs some hundred generations to learn its covariance matrix: neither so many runs at
 // once nor so large a population that the budget holds fewer.
@@ -42,47 +32,10 @@ constexpr int kPromotionRollouts = 48;
 // The final comparison takes at most this share of the budget (and 48 rollouts a run).
 constexpr int kComparisonShare = 5;
 
-// Cost that CMA-ES minimises. An average that is not finite is worse than any.
-double Cost(std::span<const double> returns) {
-  double sum = 0;
-  for (const double value : returns) sum += value;
-  const double mean = sum / static_cast<double>(returns.size());
-  return std::isfinite(mean) ? -mean : std::numeric_limits<double>::infinity();
-}
-
-// One CMA-ES run under way.
-struct Instance {
-  Instance(const RunPlan& run_plan, CmaEs search, int initial_rollouts)
-      : plan(run_plan),
-        cma(std::move(search)),
-        measure(plan.population),
-        rollouts(initial_rollouts),
-        costs(static_cast<std::size_t>(plan.population)),
-        ranking(static_cast<std::size_t>(plan.population)) {}
-
-  RunPlan plan;
-  CmaEs cma;
-  UncertaintyMeasure measure;
-  double rollouts;  // a candidate, before rounding
-  std::int64_t evaluations = 0;
-  // This generation: its part of the batch, and costs.
-  int n_rollouts = 0;
-  int n_reevaluated = 0;
-  std::size_t first_candidate = 0;
-  std::size_t first_return = 0;
-  std::vector<double> costs, reevaluated;
-  std::vector<int> ranking;
-
-  std::size_t n_candidates() const {
-    return static_cast<std::size_t>(plan.population) + static_cast<std::size_t>(n_reevaluated);
-  }
-  std::size_t n_returns() const { return n_candidates() * static_cast<std::size_t>(n_rollouts); }
-};
-
 struct FinishedRun {
   RunRecord record;
   std::vector<double> mean;  // (P) within the bounds
-  Instance instance;
+  SearchRun run;
   // More generations may still improve it: others have converged or broken down.
   bool can_go_on() const { return record.stop == "budget" || record.stop == "Stagnation"; }
 };
@@ -93,7 +46,7 @@ class PolicySearch {
                std::uint64_t seed, std::uint32_t episode, const BatchObjective& objective,
                const std::atomic<bool>* stop);
 
-  // One generation of every instance; false, nothing done, if `share` of the budget has no room for
+  // One generation of every run; false, nothing done, if `share` of the budget has no room for
   // it or no run is left.
   bool RunGeneration(double share);
   // Ends all runs and goes on with the best `n_runs`.
@@ -103,14 +56,12 @@ class PolicySearch {
   PolicySearchProgress Progress() const;
 
  private:
-  void StartRun(Instance* slot);
+  void StartRun(SearchRun* slot);
   std::int64_t ComparisonReserve() const;
   void PlanGeneration();
-  void Ask(Instance& instance);
-  void Tell(Instance& instance);
   void SummariseGeneration();
   void EndStoppedRuns();
-  void EndRun(Instance instance, std::string stop);
+  void EndRun(SearchRun run, std::string stop);
   void EndAllRuns();
 
   PolicySearchOptions options_;
@@ -119,22 +70,18 @@ class PolicySearch {
   std::uint32_t episode_;
   const BatchObjective& objective_;
   const std::atomic<bool>* stop_;
-  BoxTransform box_;
   std::vector<double> start_;  // within the bounds
   int population_;
   int final_rollouts_, promotion_rollouts_;
   RestartScheduler scheduler_;
-  std::vector<Instance> instances_;
+  std::vector<SearchRun> runs_;
   std::vector<FinishedRun> finished_;
   int n_slots_;  // instances side by side while exploring
   int promotions_ = 0;
   int runs_started_ = 0;
   std::int64_t evaluations_ = 0;
   double best_return_ = 0, mean_return_ = 0;
-  // The batch.
-  std::vector<double> parameters_, returns_;
-  std::vector<StreamKey> keys_;
-  std::vector<int> n_rollouts_, first_rollout_;
+  SearchBatch batch_;
 };
 
 int Population(const PolicySearchOptions& options, std::size_t dimension) {
@@ -157,7 +104,6 @@ PolicySearch::PolicySearch(const PolicySearchOptions& options, std::span<const d
       episode_(episode),
       objective_(objective),
       stop_(stop),
-      box_(-options.bound, options.bound),
       start_(start.begin(), start.end()),
       population_(Population(options, start.size())),
       final_rollouts_(static_cast<int>(std::clamp<std::int64_t>(
@@ -170,12 +116,12 @@ PolicySearch::PolicySearch(const PolicySearchOptions& options, std::span<const d
   for (double& value : start_) value = std::clamp(value, -options.bound, options.bound);
   n_slots_ = static_cast<int>(
       std::clamp<std::int64_t>(AffordableCandidates(options) / population_, 1, options.concurrent));
-  instances_.reserve(static_cast<std::size_t>(n_slots_));
+  runs_.reserve(static_cast<std::size_t>(n_slots_));
   for (int i = 0; i < n_slots_; ++i) StartRun(nullptr);
 }
 
 // Starts the next run in `slot`, or in a new one if null.
-void PolicySearch::StartRun(Instance* slot) {
+void PolicySearch::StartRun(SearchRun* slot) {
   const StreamKey key = DeriveKey(seed_, StreamPurpose::kSearchRestart,
                                   {episode_, static_cast<std::uint32_t>(runs_started_)});
   std::vector<double> mean = start_;
@@ -192,92 +138,24 @@ void PolicySearch::StartRun(Instance* slot) {
       value = std::clamp(plan.sigma * (2 * value - 1), -options_.bound, options_.bound);
     }
   }
-  for (double& value : mean) value = box_.FromBox(value);
-  CmaEsTolerances tolerances;
-  tolerances.hist_fun = kReturnTolerance;
-  tolerances.x = kSigmaTolerance * options_.bound / plan.sigma;
-  tolerances.x_up = kSigmaLimit * std::max(1.0, options_.bound / plan.sigma);
-  Instance instance(plan, CmaEs(mean, plan.sigma, plan.population, tolerances), options_.rollouts);
+  SearchRun run(options_, plan, std::move(mean), seed_, episode_);
   if (slot != nullptr) {
-    *slot = std::move(instance);
+    *slot = std::move(run);
   } else {
-    instances_.push_back(std::move(instance));
+    runs_.push_back(std::move(run));
   }
   ++runs_started_;
 }
 
 // Lays out the batch of the next generation.
 void PolicySearch::PlanGeneration() {
-  std::size_t n_candidates = 0, n_returns = 0;
-  for (Instance& instance : instances_) {
-    instance.n_rollouts = static_cast<int>(std::lround(instance.rollouts));
-    if (options_.uncertainty != UncertaintyHandling::kOff) {
-      double draw;
-      FillUniforms(DeriveKey(seed_, StreamPurpose::kReevaluation,
-                             {episode_, static_cast<std::uint32_t>(instance.plan.run),
-                              static_cast<std::uint32_t>(instance.cma.generation())}),
-                   0, &draw, 1);
-      instance.n_reevaluated = ReevaluationCount(instance.plan.population, draw);
-    }
-    instance.reevaluated.resize(static_cast<std::size_t>(instance.n_reevaluated));
-    instance.first_candidate = n_candidates;
-    instance.first_return = n_returns;
-    n_candidates += instance.n_candidates();
-    n_returns += instance.n_returns();
-  }
-  parameters_.resize(n_candidates * dimension_);
-  keys_.resize(n_candidates);
-  n_rollouts_.resize(n_candidates);
-  first_rollout_.assign(n_candidates, 0);
-  returns_.resize(n_returns);
-}
-
-// Writes the instance's part of the batch: its population, then the first candidates again with
-// other streams.
-void PolicySearch::Ask(Instance& instance) {
-  const auto run = static_cast<std::uint32_t>(instance.plan.run);
-  const auto generation = static_cast<std::uint32_t>(instance.cma.generation());
-  const auto population = static_cast<std::size_t>(instance.plan.population);
-  double* const first = parameters_.data() + instance.first_candidate * dimension_;
-  const std::span<double> candidates(first, population * dimension_);
-  instance.cma.Ask(DeriveKey(seed_, StreamPurpose::kSearchSampling, {episode_, run, generation}),
-                   candidates);
-  for (double& value : candidates) value = box_.ToBox(value);
-  std::copy_n(first, static_cast<std::size_t>(instance.n_reevaluated) * dimension_,
-              first + candidates.size());
-  for (std::size_t k = 0; k < instance.n_candidates(); ++k) {
-    const bool again = k >= population;
-    keys_[instance.first_candidate + k] = DeriveKey(
-        seed_, again ? StreamPurpose::kReevaluation : StreamPurpose::kRollout,
-        {episode_, run, generation, static_cast<std::uint32_t>(again ? k - population : k)});
-    n_rollouts_[instance.first_candidate + k] = instance.n_rollouts;
-  }
-}
-
-void PolicySearch::Tell(Instance& instance) {
-  const auto population = static_cast<std::size_t>(instance.plan.population);
-  const auto n = static_cast<std::size_t>(instance.n_rollouts);
-  for (std::size_t k = 0; k < instance.n_candidates(); ++k) {
-    const double cost = Cost({returns_.data() + instance.first_return + k * n, n});
-    (k < population ? instance.costs[k] : instance.reevaluated[k - population]) = cost;
-  }
-  instance.evaluations += static_cast<std::int64_t>(instance.n_returns());
-  if (instance.n_reevaluated == 0) {
-    instance.cma.Tell(instance.costs);
-    return;
-  }
-  const double measure =
-      instance.measure.Measure(instance.costs, instance.reevaluated, instance.ranking);
-  for (std::size_t c = 0; c < instance.reevaluated.size(); ++c) {
-    instance.costs[c] = (instance.costs[c] + instance.reevaluated[c]) / 2;
-  }
-  instance.cma.Tell(instance.costs, instance.ranking);
-  if (options_.uncertainty == UncertaintyHandling::kRollouts) {
-    instance.rollouts =
-        AdaptedRollouts(instance.rollouts, measure, options_.rollouts, options_.max_rollouts);
-  } else if (measure > 0) {
-    instance.cma.ScaleSigma(SigmaFactor(static_cast<int>(dimension_)));
-  }
+  batch_.n_candidates = batch_.n_returns = 0;
+  for (SearchRun& run : runs_) run.Plan(&batch_);
+  batch_.parameters.resize(batch_.n_candidates * dimension_);
+  batch_.keys.resize(batch_.n_candidates);
+  batch_.n_rollouts.resize(batch_.n_candidates);
+  batch_.first_rollout.assign(batch_.n_candidates, 0);
+  batch_.returns.resize(batch_.n_returns);
 }
 
 // What the comparisons that are still to come may cost at most: the start and every run so far take
@@ -290,9 +168,9 @@ std::int64_t PolicySearch::ComparisonReserve() const {
 
 bool PolicySearch::RunGeneration(double share) {
   if (stop_ != nullptr && stop_->load()) throw Interrupted();
-  if (instances_.empty()) return false;
+  if (runs_.empty()) return false;
   PlanGeneration();
-  const auto batch_size = static_cast<std::int64_t>(returns_.size());
+  const auto batch_size = static_cast<std::int64_t>(batch_.n_returns);
   const std::int64_t reserve = ComparisonReserve();
   const double available = static_cast<double>(options_.evaluations - reserve);
   if (static_cast<double>(evaluations_ + batch_size) > share * available) {
@@ -303,15 +181,14 @@ bool PolicySearch::RunGeneration(double share) {
                        std::to_string(static_cast<std::int64_t>(std::ceil(needed))) +
                        ", one generation and the final comparison");
   }
-  for (Instance& instance : instances_) Ask(instance);
-  objective_({static_cast<int>(keys_.size()), parameters_, keys_, n_rollouts_, first_rollout_},
-             returns_);
-  for (Instance& instance : instances_) Tell(instance);
+  for (SearchRun& run : runs_) run.Ask(&batch_);
+  objective_({static_cast<int>(batch_.n_candidates), batch_.parameters, batch_.keys,
+              batch_.n_rollouts, batch_.first_rollout},
+             batch_.returns);
+  for (SearchRun& run : runs_) run.Tell(batch_);
   evaluations_ += batch_size;
   SummariseGeneration();
-  for (const Instance& instance : instances_) {
-    scheduler_.Add(instance.plan, static_cast<std::int64_t>(instance.n_returns()));
-  }
+  for (const SearchRun& run : runs_) scheduler_.Add(run.plan(), run.n_returns());
   EndStoppedRuns();
   return true;
 }
@@ -319,10 +196,10 @@ bool PolicySearch::RunGeneration(double share) {
 // Runs that met a stopping criterion make room for new ones, while exploring.
 void PolicySearch::EndStoppedRuns() {
   const bool exploring = promotions_ == 0;
-  for (std::size_t i = 0; i < instances_.size();) {
-    Instance& instance = instances_[i];
-    std::string stop(instance.cma.stop());
-    if (exploring && stop.empty() && scheduler_.IsExhausted(instance.plan, instance.evaluations)) {
+  for (std::size_t i = 0; i < runs_.size();) {
+    SearchRun& run = runs_[i];
+    std::string stop(run.stop());
+    if (exploring && stop.empty() && scheduler_.IsExhausted(run.plan(), run.evaluations())) {
       stop = "SmallBudget";
     }
     // A promoted run was among the best: it keeps its share although its progress is slow.
@@ -330,12 +207,12 @@ void PolicySearch::EndStoppedRuns() {
       ++i;
       continue;
     }
-    EndRun(std::move(instance), std::move(stop));
+    EndRun(std::move(run), std::move(stop));
     if (exploring) {
-      StartRun(&instance);
+      StartRun(&run);
       ++i;
     } else {
-      instances_.erase(instances_.begin() + static_cast<std::ptrdiff_t>(i));
+      runs_.erase(runs_.begin() + static_cast<std::ptrdiff_t>(i));
     }
   }
 }
@@ -343,8 +220,8 @@ void PolicySearch::EndStoppedRuns() {
 void PolicySearch::SummariseGeneration() {
   double best = -std::numeric_limits<double>::infinity(), sum = 0;
   std::size_t n = 0;
-  for (const Instance& instance : instances_) {
-    for (const double cost : instance.costs) {
+  for (const SearchRun& run : runs_) {
+    for (const double cost : run.costs()) {
       best = std::max(best, -cost);
       sum -= cost;
       ++n;
@@ -354,24 +231,23 @@ void PolicySearch::SummariseGeneration() {
   mean_return_ = sum / static_cast<double>(n);
 }
 
-void PolicySearch::EndRun(Instance instance, std::string stop) {
-  scheduler_.End(instance.plan);
-  if (instance.evaluations == 0) return;  // started as the budget ended
-  RunRecord record{instance.plan.run,
-                   instance.plan.regime == Regime::kLarge,
-                   instance.plan.population,
-                   instance.plan.sigma,
-                   instance.evaluations,
+void PolicySearch::EndRun(SearchRun run, std::string stop) {
+  scheduler_.End(run.plan());
+  if (run.evaluations() == 0) return;  // started as the budget ended
+  RunRecord record{run.plan().run,
+                   run.plan().regime == Regime::kLarge,
+                   run.plan().population,
+                   run.plan().sigma,
+                   run.evaluations(),
                    std::move(stop),
                    0};
-  std::vector<double> mean;
-  for (const double value : instance.cma.mean()) mean.push_back(box_.ToBox(value));
-  finished_.push_back({std::move(record), std::move(mean), std::move(instance)});
+  std::vector<double> mean = run.Mean();
+  finished_.push_back({std::move(record), std::move(mean), std::move(run)});
 }
 
 void PolicySearch::EndAllRuns() {
-  for (Instance& instance : instances_) EndRun(std::move(instance), "budget");
-  instances_.clear();
+  for (SearchRun& run : runs_) EndRun(std::move(run), "budget");
+  runs_.clear();
   std::sort(finished_.begin(), finished_.end(),
             [](const FinishedRun& a, const FinishedRun& b) { return a.record.run < b.record.run; });
 }
@@ -401,8 +277,8 @@ void PolicySearch::Promote(int n_runs, int rollouts) {
   });
   const auto end = open + std::min(n_runs, n_open);
   for (auto run = open; run != end; ++run) {
-    instances_.push_back(std::move(run->instance));
-    instances_.back().rollouts = rollouts;
+    runs_.push_back(std::move(run->run));
+    runs_.back().set_rollouts(rollouts);
   }
   finished_.erase(open, end);
 }

@@ -208,31 +208,30 @@ TEST_CASE("policy_search: every evaluation but the final comparison has its own 
 }
 
 TEST_CASE("policy_search: the best runs get the rest of the budget") {
-  // Two hills: the lower one catches most runs.
-  const auto hills = [](std::span<const double> x) {
-    double low = 0, high = 0;
-    for (const double v : x) {
-      low += (v + 1) * (v + 1);
-      high += (v - 2) * (v - 2);
-    }
-    return std::max(20 * std::exp(-low / 18), 40 * std::exp(-high / 6));
+  // Rastrigin's function: runs end in different local optima.
+  const auto rastrigin = [](std::span<const double> x) {
+    double sum = 0;
+    for (const double v : x) sum += v * v + 3 * (1 - std::cos(6 * v));
+    return 40 - sum;
   };
   PolicySearchOptions options = SmallOptions();
   options.evaluations = 40000;
   options.concurrent = 8;
   options.exploration = 0.4;
   std::int64_t used = 0;
-  const PolicySearchResult result = Search(options, Noisy(hills, 1, &used));
+  const PolicySearchResult result = Search(options, Noisy(rastrigin, 1, &used));
   CHECK(used <= options.evaluations);
   CHECK(result.evaluations == used);
-  CHECK(result.predicted_return > 39);
-  // A run that ended as the exploration did had at most that share of the budget; the longest run
-  // was promoted, and is among the best.
+  // Runs share the exploration alike: only a promoted one can have had half as much again.
   const auto longest =
       std::max_element(result.runs.begin(), result.runs.end(),
                        [](const auto& a, const auto& b) { return a.evaluations < b.evaluations; });
-  CHECK(longest->evaluations > 0.2 * static_cast<double>(options.evaluations));
-  for (const RunRecord& run : result.runs) CHECK(longest->mean_return >= run.mean_return - 1);
+  CHECK(longest->evaluations > 1.5 * 0.4 * 40000 / 8);
+  const auto [worst, best] = std::minmax_element(
+      result.runs.begin(), result.runs.end(),
+      [](const auto& a, const auto& b) { return a.mean_return < b.mean_return; });
+  CHECK(worst->mean_return < best->mean_return - 0.5);
+  CHECK(longest->mean_return > best->mean_return - 0.5);
 }
 
 TEST_CASE("policy_search: a selection between runs stays within any budget") {

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "engine/gp/blas_core.h"
+
+#include <cblas.h>
+#include <unistd.h>
+
+#include <cstdlib>
+
+#include "hwy/targets.h"
+
+namespace downpour {
+namespace {
+
+constexpr char kCoreVariable[] = "OPENBLAS_CORETYPE";
+constexpr char kMendedVariable[] = "DOWNPOUR_BLAS_MENDED";
+
+// Doubles in a vector of the family's kernels: 8 for AVX-512, 4 for AVX2, 2 or less for the rest.
+int VectorWidth(const std::string& core) {
+  if (core == "SkylakeX" || core == "Cooperlake" || core == "SapphireRapids") return 8;
+  if (core == "Haswell" || core == "Zen") return 4;
+  return 2;
+}
+
+}  // namespace
+
+std::string BlasCoreName() { return openblas_get_corename(); }
+
+std::string SuitableBlasCore() {
+  const auto targets = hwy::SupportedTargets();
+  if (targets & HWY_AVX3) return "SkylakeX";
+  if (targets & HWY_AVX2) return "Haswell";
+  return "";
+}
+
+bool IsWeakerBlasCore(const std::string& core, const std::string& suitable) {
+  return VectorWidth(core) < VectorWidth(suitable);
+}
+
+bool BlasCoreWasMended() { return std::getenv(kMendedVariable) != nullptr; }
+
+bool MendBlasCore(char** argv) {
+  openblas_set_num_threads(1);
+  const std::string suitable = SuitableBlasCore();
+  if (std::getenv(kCoreVariable) || !IsWeakerBlasCore(BlasCoreName(), suitable)) return false;
+  setenv(kCoreVariable, suitable.c_str(), 1);
+  setenv(kMendedVariable, "1", 1);
+  execv("/proc/self/exe", argv);
+  unsetenv(kCoreVariable);
+  unsetenv(kMendedVariable);
+  return false;
+}
+
+}  // namespace downpour

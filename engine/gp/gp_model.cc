@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "engine/gp/gp_model.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <string>
+
+#include "engine/errors.h"
+#include "engine/gp/checks.h"
+#include "engine/gp/lapack.h"
+#include "engine/gp/triangle.h"
+#include "kernels/se_ard/se_ard.h"
+
+namespace downpour {
+namespace {
+
+double Square(double x) { return x * x; }
+
+// Lower triangle of the noise-free K (paper Eq. 6), zeros above.
+Eigen::MatrixXd Covariance(const Eigen::MatrixXd& inputs, const Hyperparameters& hyperparameters) {
+  const int n = static_cast<int>(inputs.rows()), dim = static_cast<int>(inputs.cols());
+  Eigen::MatrixXd scaled(n, dim);
+  for (int d = 0; d < dim; ++d) scaled.col(d) = inputs.col(d) / hyperparameters.lengthscales[d];
+  if (!scaled.allFinite()) {
+    throw InvalidInput("GP inputs: an input divided by its lengthscale is not finite");
+  }
+  Eigen::MatrixXd k = Eigen::MatrixXd::Zero(n, n);
+  SeArdCovarianceLower(n, dim, scaled.data(), n, Square(hyperparameters.signal_std), k.data(), n);
+  return k;
+}
+
+// Overwrites the lower triangle of K + (noise + jitter) I by L; returns the jitter it took.
+double FactoriseWithJitter(const Eigen::MatrixXd& covariance, double signal_variance,
+                           double noise_variance, Eigen::MatrixXd* factor) {
+  const int n = static_cast<int>(covariance.rows());
+  double jitter = 0;
+  while (jitter <= signal_variance) {
+    *factor = covariance;
+    factor->diagonal().array() += noise_variance + jitter;
+    int info = 0;
+    dpotrf_("L", &n, factor->data(), &n, &info);
+    if (info == 0) return jitter;
+    jitter = jitter == 0 ? 1e-10 * signal_variance : 10 * jitter;
+  }
+  throw InvalidInput("GP covariance: no Cholesky factor with jitter up to signal_std^2");
+}
+
+}  // namespace
+
+ExactGp::ExactGp(const Eigen::MatrixXd& inputs, const Eigen::VectorXd& targets,
+                 const Hyperparameters& hyperparameters)
+    : hyperparameters_(hyperparameters), inputs_(inputs) {
+  CheckTrainingData(inputs, targets);
+  CheckHyperparameters(hyperparameters, inputs.cols());
+  const SingleThreadedBlas single_threaded;
+  jitter_ =
+      FactoriseWithJitter(Covariance(inputs, hyperparameters), Square(hyperparameters.signal_std),
+                          Square(hyperparameters.noise_std), &cholesky_);
+  alpha_ = targets;
+  const int n = static_cast<int>(inputs.rows()), one = 1;
+  int info = 0;
+  dpotrs_("L", &n, &one, cholesky_.data(), &n, alpha_.data(), &n, &info);
+  log_marginal_likelihood_ = -0.5 * targets.dot(alpha_) - cholesky_.diagonal().array().log().sum() -
+                             0.5 * n * std::log(2 * std::numbers::pi);
+}
+
+// Paper Eq. 5: mean = k^T alpha, variance = sigma_f^2 - |L^-1 k|^2.
+void ExactGp::Predict(const Eigen::VectorXd& input, double* mean, double* variance) const {
+  if (input.size() != inputs_.cols()) {
+    throw InvalidInput("GP query: " + std::to_string(input.size()) + " inputs, must be " +
+                       std::to_string(inputs_.cols()));
+  }
+  const Eigen::Map<const Eigen::ArrayXd> lengthscales(hyperparameters_.lengthscales.data(),
+                                                      inputs_.cols());
+  const double signal_variance = Square(hyperparameters_.signal_std);
+  Eigen::VectorXd k(inputs_.rows());
+  for (Eigen::Index i = 0; i < inputs_.rows(); ++i) {
+    const double distance =
+        ((inputs_.row(i).transpose() - input).array() / lengthscales).square().sum();
+    k[i] = signal_variance * std::exp(-0.5 * distance);
+  }
+  *mean = k.dot(alpha_);
+  cholesky_.triangularView<Eigen::Lower>().solveInPlace(k);
+  *variance = std::max(0.0, signal_variance - k.squaredNorm());
+}
+
+GpFactor ExactGp::Pack() const {
+  const SingleThreadedBlas single_threaded;
+  const int n = static_cast<int>(inputs_.rows()), dim = static_cast<int>(inputs_.cols());
+  Eigen::MatrixXd inverse = cholesky_;
+  InvertLowerTriangle(n, inverse.data(), n);
+  const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> rows = inputs_;
+  return PackGpFactor(n, dim, rows.data(), hyperparameters_.lengthscales.data(),
+                      hyperparameters_.signal_std, hyperparameters_.noise_std, alpha_.data(),
+                      inverse.data());
+}
+
+}  // namespace downpour

@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "engine/search/bipop.h"
+#include "engine/search/bounds.h"
+#include "engine/search/cma_es.h"
+#include "engine/search/policy_search.h"
+#include "engine/search/uncertainty.h"
+
+namespace downpour {
+
+// The batch that all runs of a search share in a generation; see CandidateBatch.
+struct SearchBatch {
+  std::vector<double> parameters, returns;
+  std::vector<StreamKey> keys;
+  std::vector<int> n_rollouts, first_rollout;
+  std::size_t n_candidates = 0, n_returns = 0;  // laid out so far
+};
+
+// One CMA-ES run of a policy search, with uncertainty handling. A generation is Plan, Ask, Tell.
+// Random numbers derive from (seed, episode, run, generation, candidate). Not thread-safe.
+class SearchRun {
+ public:
+  // Starts at `mean` (P, within the bounds).
+  SearchRun(const PolicySearchOptions& options, const RunPlan& plan, std::vector<double> mean,
+            std::uint64_t seed, std::uint32_t episode);
+
+  const RunPlan& plan() const { return plan_; }
+  std::int64_t evaluations() const { return evaluations_; }
+  std::string_view stop() const { return cma_.stop(); }
+  std::span<const double> costs() const { return costs_; }  // of the last generation
+  std::vector<double> Mean() const;                         // (P) within the bounds
+  void set_rollouts(int rollouts) { rollouts_ = rollouts; }
+  // Rollouts of this generation.
+  std::int64_t n_returns() const { return static_cast<std::int64_t>(n_candidates() * n_rollouts_); }
+
+  // Takes the next part of the batch.
+  void Plan(SearchBatch* batch);
+  // Writes that part: the population, then its first candidates again with other streams.
+  void Ask(SearchBatch* batch);
+  // Reads its returns.
+  void Tell(const SearchBatch& batch);
+
+ private:
+  std::size_t n_candidates() const { return costs_.size() + reevaluated_.size(); }
+
+  RunPlan plan_;
+  UncertaintyHandling uncertainty_;
+  int min_rollouts_, max_rollouts_;
+  BoxTransform box_;
+  CmaEs cma_;
+  UncertaintyMeasure measure_;
+  std::uint64_t seed_;
+  std::uint32_t episode_;
+  double rollouts_;  // a candidate, before rounding
+  std::int64_t evaluations_ = 0;
+  // This generation.
+  std::size_t n_rollouts_ = 0, first_candidate_ = 0, first_return_ = 0;
+  std::vector<double> costs_, reevaluated_;
+  std::vector<int> ranking_;
+};
+
+}  // namespace downpour
