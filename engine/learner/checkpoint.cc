@@ -57,11 +57,12 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   static constexpr std::array kUncertainty = {"off", "sigma", "rollouts"};
   // Named one by one, so that a new option does not compile until it is here.
   const auto& [restarts, max_evaluations] = options.model;
-  const auto& [use_variance, predict_noise, sample_clamp, threads] = options.rollout;
-  static_cast<void>(threads);
+  const auto& [use_variance, predict_noise, sample_clamp, rollout_threads] = options.rollout;
   const auto& [evaluations, population, rollouts, max_rollouts, concurrent, exploration,
-               final_rollouts, bound, first_sigma, restart_sigma, restart_decades, restart_strategy,
-               uncertainty] = options.search;
+               final_rollouts, bound, first_sigma, restart_sigma, restart_decades, search_threads,
+               restart_strategy, uncertainty] = options.search;
+  static_cast<void>(rollout_threads);
+  static_cast<void>(search_threads);
   Json settings = {{"learn.seed", options.seed},
                    {"learn.random_episodes", options.random_episodes},
                    {"policy.hidden_units", options.hidden_units},

@@ -137,6 +137,7 @@ Learner::Learner(Task task, LearnerOptions options, LearnerState state)
   CheckOptions(options_);
   CheckTask(task_);
   options_.rollout.threads = options_.threads == 0 ? omp_get_num_procs() : options_.threads;
+  options_.search.threads = options_.rollout.threads;
   policy_ = MakeNeuralNetworkPolicy(task_, options_.hidden_units);
   CheckPolicySearchOptions(options_.search, std::vector<double>(policy_->n_parameters(), 0.0));
   CheckState(task_, options_, policy_->n_parameters(), state_);

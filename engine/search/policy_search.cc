@@ -181,11 +181,14 @@ bool PolicySearch::RunGeneration(double share) {
                        std::to_string(static_cast<std::int64_t>(std::ceil(needed))) +
                        ", one generation and the final comparison");
   }
-  for (SearchRun& run : runs_) run.Ask(&batch_);
+  const auto n_runs = static_cast<std::ptrdiff_t>(runs_.size());
+#pragma omp parallel for schedule(dynamic) num_threads(options_.threads)
+  for (std::ptrdiff_t i = 0; i < n_runs; ++i) runs_[static_cast<std::size_t>(i)].Ask(&batch_);
   objective_({static_cast<int>(batch_.n_candidates), batch_.parameters, batch_.keys,
               batch_.n_rollouts, batch_.first_rollout},
              batch_.returns);
-  for (SearchRun& run : runs_) run.Tell(batch_);
+#pragma omp parallel for schedule(dynamic) num_threads(options_.threads)
+  for (std::ptrdiff_t i = 0; i < n_runs; ++i) runs_[static_cast<std::size_t>(i)].Tell(batch_);
   evaluations_ += batch_size;
   SummariseGeneration();
   for (const SearchRun& run : runs_) scheduler_.Add(run.plan(), run.n_returns());

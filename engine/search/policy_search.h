@@ -38,6 +38,7 @@ struct PolicySearchOptions {
   double first_sigma = 1;        // step size of the first run, from the last policy; > 0
   double restart_sigma = 5;      // restarts draw sigma = restart_sigma 10^(-decades U); > 0
   double restart_decades = 1.3;  // [0, 10]
+  int threads = 1;  // OpenMP threads that update the runs, no matter for the result; >= 1
   RestartStrategy restarts = RestartStrategy::kSmall;
   UncertaintyHandling uncertainty = UncertaintyHandling::kOff;
 };

@@ -46,6 +46,7 @@ void CheckPolicySearchOptions(const PolicySearchOptions& options, std::span<cons
   CheckRange("concurrent", options.concurrent, 1, 1024, "[1, 1024]");
   CheckRange("exploration", options.exploration, 0.1, 1.0, "[0.1, 1]");
   CheckRange("final_rollouts", options.final_rollouts, 1, 1'000'000, "[1, 1e6]");
+  CheckRange("threads", options.threads, 1, 1 << 20, "[1, 1048576]");
   CheckPositive("bound", options.bound);
   CheckPositive("first_sigma", options.first_sigma);
   CheckPositive("restart_sigma", options.restart_sigma);

@@ -117,6 +117,18 @@ TEST_CASE("policy_search: bits depend on seed and episode, not on the order of e
   CHECK(run(false, 1, 2).parameters != expected.parameters);
 }
 
+TEST_CASE("policy_search: the bits do not depend on the number of threads") {
+  PolicySearchOptions options = SmallOptions();
+  options.concurrent = 7;
+  const PolicySearchResult one = Search(options, Noisy(Hill, 1));
+  for (const int threads : {2, 5}) {
+    options.threads = threads;
+    const PolicySearchResult many = Search(options, Noisy(Hill, 1));
+    CHECK(many.parameters == one.parameters);
+    CHECK(many.predicted_return == one.predicted_return);
+  }
+}
+
 TEST_CASE("policy_search: spends no more than its budget and accounts for every rollout") {
   for (const std::int64_t evaluations : {1000, 3000, 20000}) {
     for (const int rollouts : {1, 3}) {
