@@ -1,0 +1,10 @@
+// SPDX-License-Identifier: Apache-2.0
+#define DOCTEST_CONFIG_IMPLEMENT
+#include <doctest/doctest.h>
+
+#include "engine/gp/blas_core.h"
+
+int main(int argc, char** argv) {
+  downpour::MendBlasCore(argv);
+  return doctest::Context(argc, argv).run();
+}
