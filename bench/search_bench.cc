@@ -11,7 +11,7 @@
 #include <span>
 #include <vector>
 
-#include "engine/gp/blas_core.h"
+#include "engine/gp/process_settings.h"
 #include "engine/search/bipop.h"
 #include "engine/search/cma_es.h"
 
@@ -154,7 +154,7 @@ void PrintGenerationTime(int dimension, int population) {
 
 int main(int, char** argv) {
   using namespace downpour;
-  MendBlasCore(argv);
+  PrepareProcess(argv);
   std::printf("%-18s %3s %10s %10s %10s   %s\n", "evaluations", "P", "quartile", "median",
               "quartile", "solved");
   PrintRow("sphere", Sphere, 10, false);

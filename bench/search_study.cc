@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "engine/gp/blas_core.h"
+#include "engine/gp/process_settings.h"
 #include "engine/gp/gp_model.h"
 #include "engine/rollout/evaluator.h"
 #include "engine/search/policy_search.h"
@@ -137,6 +137,6 @@ int Main(int argc, char** argv) {
 }  // namespace downpour
 
 int main(int argc, char** argv) {
-  downpour::MendBlasCore(argv);
+  downpour::PrepareProcess(argv);
   return downpour::Main(argc, argv);
 }

@@ -2,9 +2,9 @@
 #define DOCTEST_CONFIG_IMPLEMENT
 #include <doctest/doctest.h>
 
-#include "engine/gp/blas_core.h"
+#include "engine/gp/process_settings.h"
 
 int main(int argc, char** argv) {
-  downpour::MendBlasCore(argv);
+  downpour::PrepareProcess(argv);
   return doctest::Context(argc, argv).run();
 }

@@ -7,8 +7,9 @@
 #include <numbers>
 
 #include "engine/gp/checks.h"
-#include "engine/gp/lapack.h"
 #include "engine/gp/triangle.h"
+#include "engine/lapack.h"
+#include "engine/single_threaded_blas.h"
 #include "kernels/se_ard/se_ard.h"
 
 namespace downpour {

@@ -3,7 +3,7 @@
 
 #include <cstddef>
 
-#include "engine/gp/lapack.h"
+#include "engine/lapack.h"
 
 namespace downpour {
 

@@ -18,19 +18,6 @@
 namespace downpour {
 namespace {
 
-// Keeps BLAS calls of the calling thread on one thread: OpenBLAS splits a factorisation by the
-// number of OpenMP threads, and with it the last bits. Our own regions name their thread count.
-class SerialBlas {
- public:
-  SerialBlas() : threads_(omp_get_max_threads()) { omp_set_num_threads(1); }
-  SerialBlas(const SerialBlas&) = delete;
-  SerialBlas& operator=(const SerialBlas&) = delete;
-  ~SerialBlas() { omp_set_num_threads(threads_); }
-
- private:
-  int threads_;
-};
-
 double SecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
@@ -151,7 +138,6 @@ bool Learner::done() const {
 }
 
 const EpisodeRecord& Learner::RunEpisode(const Callbacks& callbacks) {
-  const SerialBlas serial_blas;
   EpisodeRecord record;
   record.episode = static_cast<int>(state_.episodes.size()) + 1;
   record.random = record.episode <= options_.random_episodes;

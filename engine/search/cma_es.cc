@@ -6,7 +6,8 @@
 #include <limits>
 #include <numeric>
 
-#include "engine/search/lapack.h"
+#include "engine/lapack.h"
+#include "engine/single_threaded_blas.h"
 
 // Equation numbers are those of the tutorial (arXiv 1604.00772), appendix A and C.
 namespace downpour {
@@ -86,6 +87,7 @@ void CmaEs::Ask(StreamKey key, std::span<double> candidates) {
                 static_cast<std::size_t>(dimension_));  // Eq. 38
   }
   // Eq. 39 with the symmetric root, so that C^(-1/2) y = z needs no product.
+  const SingleThreadedBlas single_threaded;
   const char side = 'L', uplo = 'L';
   const double one = 1, zero = 0;
   dsymm_(&side, &uplo, &dimension_, &population_, &one, root_.data(), &dimension_, z_.data(),
@@ -146,6 +148,7 @@ void CmaEs::UpdateCovariance(std::span<const int> ranking, bool h_sigma) {
   }
   const double delta = h_sigma ? 0 : c_c_ * (2 - c_c_);
   const double decay = 1 + c_1_ * delta - c_1_ - c_mu_ * weights_.sum();
+  const SingleThreadedBlas single_threaded;
   const char uplo = 'L', trans = 'N';
   const double one = 1, minus_one = -1;
   const int positive = parents_ + 1, negative = population_ - parents_;
@@ -158,6 +161,7 @@ void CmaEs::UpdateCovariance(std::span<const int> ranking, bool h_sigma) {
 void CmaEs::UpdateEigensystem() {
   eigen_generation_ = generation_;
   axes_ = covariance_;
+  const SingleThreadedBlas single_threaded;
   const char jobz = 'V', uplo = 'L', trans = 'N';
   const int work_size = static_cast<int>(work_.size());
   const int integer_work_size = static_cast<int>(integer_work_.size());

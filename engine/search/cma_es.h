@@ -23,11 +23,10 @@ struct CmaEsTolerances {
 // Active CMA-ES, ask and tell, MINIMISING a cost over R^P, after N. Hansen, "The CMA Evolution
 // Strategy: A Tutorial" (2016, arXiv 1604.00772), with its default strategy parameters.
 //
-// The candidates of a generation depend only on the key given to Ask and on what was told before,
-// given that the caller holds OpenBLAS to one thread (MendBlasCore does, and the learner). Ask and
-// Tell do not allocate, except that the history of Tell grows; each takes O(P^2 lambda), and every
-// few generations Tell adds the O(P^3) eigendecomposition of C. Different objects may be used by
-// different threads at once.
+// The candidates of a generation depend only on the key given to Ask and on what was told before.
+// Ask and Tell do not allocate, except that the history of Tell grows; each takes O(P^2 lambda),
+// and every few generations Tell adds the O(P^3) eigendecomposition of C. BLAS runs on the calling
+// thread only. Different objects may be used by different threads at once.
 class CmaEs {
  public:
   // Starts at `mean` (P >= 1) with step size `sigma` > 0 and C = I; population lambda >= 2.

@@ -92,8 +92,8 @@ struct PolicySearchResult {
 // common random streams, and the best is returned, so that it is never predicted to be worse than
 // `start`. The budget covers the comparison, which takes final_rollouts, or a fortieth of the
 // budget if that is less, for each of at most 8 finalists. All random numbers derive from (seed,
-// episode, run, generation, candidate); the result depends on nothing else, provided that the
-// caller holds OpenBLAS to one thread. A return that is not finite counts as worse than any other.
+// episode, run, generation, candidate); the result depends on nothing else. A
+// return that is not finite counts as worse than any other.
 // `progress` (may be empty) is called after every batch; `stop` (may be null) is looked at between
 // batches and ends the search by throwing Interrupted. Throws InvalidInput for options out of
 // range, an empty or non-finite start, or a budget that holds not even one generation.

@@ -12,7 +12,7 @@
 #include <string>
 #include <vector>
 
-#include "engine/gp/blas_core.h"
+#include "engine/gp/process_settings.h"
 #include "kernels/fma_peak/fma_peak.h"
 #include "tools/downpour/commands.h"
 

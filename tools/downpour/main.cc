@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "engine/errors.h"
-#include "engine/gp/blas_core.h"
+#include "engine/gp/process_settings.h"
 #include "tools/downpour/commands.h"
 #include "tools/downpour/suggest.h"
 
@@ -97,7 +97,7 @@ int Run(int argc, char** argv) {
 }  // namespace downpour
 
 int main(int argc, char** argv) {
-  downpour::MendBlasCore(argv);
+  downpour::PrepareProcess(argv);
   std::signal(SIGXFSZ, SIG_IGN);  // a limit on file sizes shall give an error, not a signal
   return downpour::Run(argc, argv);
 }

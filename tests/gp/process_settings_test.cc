@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "engine/gp/blas_core.h"
+#include "engine/gp/process_settings.h"
 
 #include <doctest/doctest.h>
 
@@ -8,7 +8,8 @@
 namespace downpour {
 namespace {
 
-TEST_CASE("blas_core: the families OpenBLAS falls back to are weaker than the suitable ones") {
+TEST_CASE(
+    "process_settings: the families OpenBLAS falls back to are weaker than the suitable ones") {
   for (const char* core : {"Prescott", "Core2", "Nehalem", "Sandybridge", "Unknown"}) {
     CAPTURE(core);
     CHECK(IsWeakerBlasCore(core, "Haswell"));
@@ -18,7 +19,7 @@ TEST_CASE("blas_core: the families OpenBLAS falls back to are weaker than the su
   CHECK(IsWeakerBlasCore("Zen", "SkylakeX"));
 }
 
-TEST_CASE("blas_core: an equal or wider family, or an unknown CPU, is left alone") {
+TEST_CASE("process_settings: an equal or wider family, or an unknown CPU, is left alone") {
   CHECK_FALSE(IsWeakerBlasCore("SkylakeX", "SkylakeX"));
   CHECK_FALSE(IsWeakerBlasCore("Cooperlake", "SkylakeX"));
   CHECK_FALSE(IsWeakerBlasCore("Zen", "Haswell"));
@@ -26,18 +27,24 @@ TEST_CASE("blas_core: an equal or wider family, or an unknown CPU, is left alone
   CHECK_FALSE(IsWeakerBlasCore("Prescott", ""));
 }
 
-TEST_CASE("blas_core: the tests run on the suitable family unless the user chose another") {
+TEST_CASE("process_settings: the tests run on the suitable family unless the user chose another") {
   const bool chosen_by_user = std::getenv("OPENBLAS_CORETYPE") && !BlasCoreWasMended();
   CAPTURE(BlasCoreName());
   CAPTURE(SuitableBlasCore());
   CHECK((chosen_by_user || !IsWeakerBlasCore(BlasCoreName(), SuitableBlasCore())));
 }
 
-TEST_CASE("blas_core: mending again changes nothing") {
+TEST_CASE(
+    "process_settings: the tests' waiting OpenMP threads leave their core unless told to spin") {
+  const char* policy = std::getenv("OMP_WAIT_POLICY");
+  CHECK((policy != nullptr || std::getenv("GOMP_SPINCOUNT") != nullptr));
+}
+
+TEST_CASE("process_settings: preparing again changes nothing") {
   char name[] = "gp_tests";
   char* argv[] = {name, nullptr};
   const std::string core = BlasCoreName();
-  CHECK_FALSE(MendBlasCore(argv));
+  CHECK_FALSE(PrepareProcess(argv));
   CHECK(BlasCoreName() == core);
 }
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "engine/gp/blas_core.h"
+#include "engine/gp/process_settings.h"
 
 #include <cblas.h>
 #include <unistd.h>
@@ -13,6 +13,8 @@ namespace {
 
 constexpr char kCoreVariable[] = "OPENBLAS_CORETYPE";
 constexpr char kMendedVariable[] = "DOWNPOUR_BLAS_MENDED";
+constexpr char kWaitVariable[] = "OMP_WAIT_POLICY";
+constexpr char kSpinVariable[] = "GOMP_SPINCOUNT";
 
 // Doubles in a vector of the family's kernels: 8 for AVX-512, 4 for AVX2, 2 or less for the rest.
 int VectorWidth(const std::string& core) {
@@ -38,15 +40,18 @@ bool IsWeakerBlasCore(const std::string& core, const std::string& suitable) {
 
 bool BlasCoreWasMended() { return std::getenv(kMendedVariable) != nullptr; }
 
-bool MendBlasCore(char** argv) {
+bool PrepareProcess(char** argv) {
   openblas_set_num_threads(1);
   const std::string suitable = SuitableBlasCore();
-  if (std::getenv(kCoreVariable) || !IsWeakerBlasCore(BlasCoreName(), suitable)) return false;
-  setenv(kCoreVariable, suitable.c_str(), 1);
-  setenv(kMendedVariable, "1", 1);
+  const bool mend_core = !std::getenv(kCoreVariable) && IsWeakerBlasCore(BlasCoreName(), suitable);
+  const bool set_waiting = !std::getenv(kWaitVariable) && !std::getenv(kSpinVariable);
+  if (!mend_core && !set_waiting) return false;
+  if (mend_core) {
+    setenv(kCoreVariable, suitable.c_str(), 1);
+    setenv(kMendedVariable, "1", 1);
+  }
+  if (set_waiting) setenv(kWaitVariable, "passive", 1);
   execv("/proc/self/exe", argv);
-  unsetenv(kCoreVariable);
-  unsetenv(kMendedVariable);
   return false;
 }
 
