@@ -52,6 +52,12 @@ bool PrepareProcess(char** argv) {
   }
   if (set_waiting) setenv(kWaitVariable, "passive", 1);
   execv("/proc/self/exe", argv);
+  // Not executed: the variables would tell a state that is not there.
+  if (mend_core) {
+    unsetenv(kCoreVariable);
+    unsetenv(kMendedVariable);
+  }
+  if (set_waiting) unsetenv(kWaitVariable);
   return false;
 }
 

@@ -4,6 +4,7 @@
 #include <omp.h>
 
 #include <algorithm>
+#include <limits>
 #include <string>
 
 #include "engine/errors.h"
@@ -14,7 +15,8 @@
 
 namespace downpour {
 
-// One thread's arrays, each [variable][kTileLanes], carved from one aligned block.
+// One thread's arrays, [variable][kTileLanes], carved from one aligned block; it lives on the
+// thread's stack for one tile.
 struct Evaluator::TileScratch {
   double* parameters;  // P
   double* states;      // E
@@ -26,12 +28,12 @@ struct Evaluator::TileScratch {
   double* sums;        // 1
   double* alive;       // 1
   double* gp;          // GpQueryScratchSize of the largest factor
-  std::uint32_t* keys0;
-  std::uint32_t* keys1;
-  std::uint32_t* rollouts;
+  alignas(kAlignment) std::uint32_t keys0[kTileLanes];
+  alignas(kAlignment) std::uint32_t keys1[kTileLanes];
+  alignas(kAlignment) std::uint32_t rollouts[kTileLanes];
 
   static std::size_t Size(const Task& task, int n_parameters, std::size_t gp_size) {
-    const std::size_t rows = n_parameters + 4 * task.n_states() + task.n_inputs() + 6;
+    const std::size_t rows = n_parameters + 4 * task.n_states() + task.n_inputs() + 3;
     return rows * kTileLanes + gp_size;
   }
 
@@ -52,10 +54,6 @@ struct Evaluator::TileScratch {
     rewards = take(1);
     sums = take(1);
     alive = take(1);
-    // 32-bit words in rows of doubles: half of each row is spare.
-    keys0 = reinterpret_cast<std::uint32_t*>(take(1));
-    keys1 = reinterpret_cast<std::uint32_t*>(take(1));
-    rollouts = reinterpret_cast<std::uint32_t*>(take(1));
     gp = block;
   }
 };
@@ -108,6 +106,11 @@ void Evaluator::Evaluate(std::span<const double> parameters, std::span<const Str
   });
   Require(n_rollouts.size() == keys.size() && first_rollout.size() == keys.size(),
           [] { return std::string("keys, n_rollouts and first_rollout must have equal sizes"); });
+  std::int64_t n_rollouts_total = 0;
+  for (const int n : n_rollouts) n_rollouts_total += n;
+  Require(n_rollouts_total <= std::numeric_limits<int>::max() - kTileLanes, [&] {
+    return std::to_string(n_rollouts_total) + " rollouts in a batch: must be less than 2^31";
+  });
   lanes_.clear();
   for (int c = 0; c < n_candidates; ++c) {
     for (int r = 0; r < n_rollouts[c]; ++r) {
@@ -122,10 +125,10 @@ void Evaluator::Evaluate(std::span<const double> parameters, std::span<const Str
   const int n_tiles = (n_lanes + kTileLanes - 1) / kTileLanes;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(options_.threads)
   for (int tile = 0; tile < n_tiles; ++tile) {
-    const TileScratch scratch(task_, policy_.n_parameters(),
-                              scratch_.data() + scratch_size_ * omp_get_thread_num());
+    TileScratch scratch(task_, policy_.n_parameters(),
+                        scratch_.data() + scratch_size_ * omp_get_thread_num());
     const int first = tile * kTileLanes;
-    RunTile(parameters, keys, first, std::min(kTileLanes, n_lanes - first), scratch,
+    RunTile(parameters, keys, first, std::min(kTileLanes, n_lanes - first), &scratch,
             returns.data() + first);
   }
   const double penalty = -task_.horizon;
@@ -136,7 +139,8 @@ void Evaluator::Evaluate(std::span<const double> parameters, std::span<const Str
 }
 
 void Evaluator::PackTile(std::span<const double> parameters, std::span<const StreamKey> keys,
-                         int first, int n, const TileScratch& s) const {
+                         int first, int n, TileScratch* scratch) const {
+  TileScratch& s = *scratch;
   const int n_parameters = policy_.n_parameters();
   for (int lane = 0; lane < kTileLanes; ++lane) {
     // Idle lanes repeat the first: finite work whose result is dropped.
@@ -182,11 +186,11 @@ void Evaluator::StepTile(std::uint32_t step, const TileScratch& s) const {
 }
 
 void Evaluator::RunTile(std::span<const double> parameters, std::span<const StreamKey> keys,
-                        int first, int n, const TileScratch& s, double* returns) const {
-  PackTile(parameters, keys, first, n, s);
-  for (int step = 0; step < task_.horizon; ++step) StepTile(step, s);
+                        int first, int n, TileScratch* scratch, double* returns) const {
+  PackTile(parameters, keys, first, n, scratch);
+  for (int step = 0; step < task_.horizon; ++step) StepTile(step, *scratch);
   for (int lane = 0; lane < n; ++lane) {
-    returns[lane] = s.alive[lane] != 0 ? s.sums[lane] : -task_.horizon;
+    returns[lane] = scratch->alive[lane] != 0 ? scratch->sums[lane] : -task_.horizon;
   }
 }
 

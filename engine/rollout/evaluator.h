@@ -61,9 +61,9 @@ class Evaluator {
   struct TileScratch;
   // Runs lanes [first, first + n) through all steps and writes their returns.
   void RunTile(std::span<const double> parameters, std::span<const StreamKey> keys, int first,
-               int n, const TileScratch& scratch, double* returns) const;
+               int n, TileScratch* scratch, double* returns) const;
   void PackTile(std::span<const double> parameters, std::span<const StreamKey> keys, int first,
-                int n, const TileScratch& scratch) const;
+                int n, TileScratch* scratch) const;
   void StepTile(std::uint32_t step, const TileScratch& scratch) const;
 
   const Task& task_;

@@ -40,10 +40,13 @@ std::size_t GpQueryScratchSize(const GpFactor& factor);
 //   x        D x kTileLanes, aligned; scratch aligned, GpQueryScratchSize doubles
 //   mean     kTileLanes, aligned
 //   variance kTileLanes, aligned, latent (without noise), clamped to >= 0; nullptr: mean only
-// No argument may alias another. Thread-safe, does not allocate. Error against exact arithmetic on
-// the same factor: |mean error| <= (n + D + 12) eps sum|weights_i| e_i + ...; the variance loses
-// the digits that cancel: error <= (2 n + D + 12) eps signal_variance (1 + ...). tests/kernels
-// states both as formulas. A lane whose x is not finite gives NaN in that lane only.
+// No argument may alias another. Thread-safe, does not allocate. A lane whose x is not finite gives
+// NaN in that lane only. Error against exact arithmetic on the same factor, with u = (n + D + 4)
+// eps and e'_i = e_i (1 + sum_d (D_d^2 + |D_d| (|s_d x_d| + |s_d x_id|))), D_d = s_d x_d - s_d
+// x_id:
+//   mean      u sum_i |weights_i| e'_i
+//   variance  u (signal_variance + 2 sum_r |(W e)_r| sum_j |W_rj| e'_j): it cancels, so that the
+//             relative error grows as the variance falls
 void GpQueryTile(const GpFactor& factor, const double* x, double* scratch, double* mean,
                  double* variance);
 

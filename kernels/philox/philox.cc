@@ -133,10 +133,6 @@ HWY_EXPORT(FillNormalsTarget);
 HWY_EXPORT(FillUniformsTarget);
 HWY_EXPORT(NormalTileTarget);
 
-PhiloxBlock Philox4x32(const PhiloxBlock& counter, StreamKey key) {
-  return PhiloxReference(counter, key);
-}
-
 StreamKey DeriveKey(std::uint64_t seed, StreamPurpose purpose,
                     std::initializer_list<std::uint32_t> path) {
   // A Philox block is a keyed permutation: absorbing a coordinate at a time makes a hash chain.

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <initializer_list>
@@ -17,11 +16,6 @@ struct StreamKey {
   std::uint32_t word1 = 0;
   bool operator==(const StreamKey&) const = default;
 };
-
-using PhiloxBlock = std::array<std::uint32_t, 4>;
-
-// One Philox4x32-10 block. Thread-safe, does not allocate.
-PhiloxBlock Philox4x32(const PhiloxBlock& counter, StreamKey key);
 
 // What a stream is for: the first coordinate of DeriveKey's path, so that no two uses share one.
 enum class StreamPurpose : std::uint32_t {

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <array>
 #include <cmath>
+#include <cstdint>
 
 #include "kernels/philox/philox.h"
 
@@ -12,6 +14,8 @@ inline constexpr std::uint32_t kPhiloxMultiplier0 = 0xD2511F53;
 inline constexpr std::uint32_t kPhiloxMultiplier1 = 0xCD9E8D57;
 inline constexpr std::uint32_t kPhiloxWeyl0 = 0x9E3779B9;  // golden ratio
 inline constexpr std::uint32_t kPhiloxWeyl1 = 0xBB67AE85;  // sqrt(3) - 1
+
+using PhiloxBlock = std::array<std::uint32_t, 4>;
 
 // Scalar twin of the vectorised generator.
 inline PhiloxBlock PhiloxReference(PhiloxBlock x, StreamKey key) {

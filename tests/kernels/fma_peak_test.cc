@@ -10,16 +10,15 @@
 namespace downpour {
 namespace {
 
-TEST_CASE("fma_peak: rates are possible for one core and fp32 is about twice fp64") {
+TEST_CASE("fma_peak: rates are possible for one core") {
   const double fp64 = FmaPeakGflops(false, 0.05);
   const double fp32 = FmaPeakGflops(true, 0.05);
   CAPTURE(fp64);
   CAPTURE(fp32);
   CHECK(fp64 > 0.5);
   CHECK(fp64 < 500);  // 2 pipes x 8 lanes x 2 operations x 15 GHz
+  CHECK(fp32 > 0.5);
   CHECK(fp32 < 1000);
-  CHECK(fp32 / fp64 > 1.4);
-  CHECK(fp32 / fp64 < 2.8);
 }
 
 TEST_CASE("fma_peak: the SIMD target is one that this CPU supports") {
