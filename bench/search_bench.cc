@@ -4,16 +4,14 @@
 // it, the time that one generation takes at the size of a cart-pole policy.
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <functional>
-#include <span>
 #include <vector>
 
 #include "engine/gp/process_settings.h"
 #include "engine/search/bipop.h"
 #include "engine/search/cma_es.h"
+#include "tests/search/test_functions.h"
 
 namespace downpour {
 namespace {
@@ -22,44 +20,14 @@ constexpr int kSeeds = 31;
 constexpr double kTarget = 1e-8;
 constexpr double kSigma = 2;
 
-using Function = std::function<double(std::span<const double>)>;
-
-double Sphere(std::span<const double> x) {
-  double sum = 0;
-  for (const double v : x) sum += v * v;
-  return sum;
-}
-
-double Ellipsoid(std::span<const double> x) {
-  double sum = 0;
-  for (std::size_t i = 0; i < x.size(); ++i) {
-    sum += std::pow(1e6, static_cast<double>(i) / static_cast<double>(x.size() - 1)) * x[i] * x[i];
-  }
-  return sum;
-}
-
-double Rosenbrock(std::span<const double> x) {
-  double sum = 0;
-  for (std::size_t i = 0; i + 1 < x.size(); ++i) {
-    sum += 100 * std::pow(x[i] * x[i] - x[i + 1], 2) + std::pow(x[i] - 1, 2);
-  }
-  return sum;
-}
-
-double Rastrigin(std::span<const double> x) {
-  double sum = 10 * static_cast<double>(x.size());
-  for (const double v : x) sum += v * v - 10 * std::cos(2 * M_PI * v);
-  return sum;
-}
-
 struct Outcome {
   std::int64_t evaluations = 0;
   bool solved = false;
 };
 
 // One run until the target, a stopping criterion or the share of a small run.
-Outcome RunOnce(const Function& function, int dimension, std::uint32_t seed, const RunPlan& plan,
-                RestartScheduler& scheduler, std::int64_t max_evaluations) {
+Outcome RunOnce(const TestFunction& function, int dimension, std::uint32_t seed,
+                const RunPlan& plan, RestartScheduler& scheduler, std::int64_t max_evaluations) {
   const auto run = static_cast<std::uint32_t>(plan.run);
   const auto p = static_cast<std::size_t>(dimension);
   std::vector<double> mean(p);
@@ -87,7 +55,7 @@ Outcome RunOnce(const Function& function, int dimension, std::uint32_t seed, con
   return outcome;
 }
 
-Outcome RunSeed(const Function& function, int dimension, std::uint32_t seed, bool restarts,
+Outcome RunSeed(const TestFunction& function, int dimension, std::uint32_t seed, bool restarts,
                 std::int64_t max_evaluations) {
   RestartScheduler scheduler(RestartStrategy::kBipop, CmaEs::DefaultPopulation(dimension), 1 << 20,
                              kSigma, 2);
@@ -108,7 +76,7 @@ Outcome RunSeed(const Function& function, int dimension, std::uint32_t seed, boo
   }
 }
 
-void PrintRow(const char* name, const Function& function, int dimension, bool restarts) {
+void PrintRow(const char* name, const TestFunction& function, int dimension, bool restarts) {
   std::vector<std::int64_t> evaluations;
   int solved = 0;
   for (std::uint32_t seed = 1; seed <= kSeeds; ++seed) {

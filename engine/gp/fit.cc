@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <nlopt.h>
-#include <omp.h>
 
 #include <algorithm>
 #include <cmath>
-#include <exception>
 #include <limits>
 #include <memory>
 #include <new>
@@ -14,6 +12,7 @@
 #include "engine/gp/checks.h"
 #include "engine/gp/gp_model.h"
 #include "engine/gp/likelihood.h"
+#include "engine/parallel_for.h"
 #include "kernels/philox/philox.h"
 
 namespace downpour {
@@ -232,18 +231,8 @@ std::vector<GpFit> FitHyperparameters(const Dataset& data,
 
   const int n_tasks = n_outputs * n_starts;
   std::vector<StartSearch> searches(n_tasks);
-  std::vector<std::exception_ptr> errors(n_tasks);
-#pragma omp parallel for schedule(dynamic) num_threads(std::min(threads, n_tasks))
-  for (int task = 0; task < n_tasks; ++task) {
-    try {
-      searches[task] = search(task / n_starts, task % n_starts);
-    } catch (...) {
-      errors[task] = std::current_exception();
-    }
-  }
-  for (const std::exception_ptr& error : errors) {
-    if (error) std::rethrow_exception(error);
-  }
+  ParallelFor(n_tasks, std::min(threads, n_tasks),
+              [&](int task) { searches[task] = search(task / n_starts, task % n_starts); });
 
   std::vector<GpFit> fits;
   for (int e = 0; e < n_outputs; ++e) fits.push_back(Best(&searches[e * n_starts], n_starts, e));

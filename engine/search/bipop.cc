@@ -25,11 +25,11 @@ double RestartScheduler::DrawSmallSigma(double u) const {
 }
 
 RunPlan RestartScheduler::First(double sigma) {
-  return {runs_++, Regime::kFirst, default_population_, sigma};
+  return {runs_started_++, Regime::kFirst, default_population_, sigma};
 }
 
 RunPlan RestartScheduler::Next(double u_population, double u_sigma) {
-  RunPlan run{runs_++, Regime::kSmall, default_population_, 0};
+  RunPlan run{runs_started_++, Regime::kSmall, default_population_, 0};
   if (strategy_ == RestartStrategy::kSmall) {
     run.sigma = DrawSmallSigma(u_sigma);
   } else if (small_.evaluations + small_.under_way < large_.evaluations + large_.under_way) {

@@ -42,12 +42,14 @@ class RestartScheduler {
   // The next run; u_population and u_sigma are the draws U and U' in [0, 1).
   RunPlan Next(double u_population, double u_sigma);
 
+  int runs_started() const { return runs_started_; }
+
   // `run` has used this many further evaluations.
   void Add(const RunPlan& run, std::int64_t evaluations);
   // Whether a small run that has used this many evaluations has exhausted its share. Not while a
   // large run is under way, whose evaluations still grow.
   bool IsExhausted(const RunPlan& run, std::int64_t evaluations) const;
-  // `run` has ended.
+  // `run` has ended. Once a run.
   void End(const RunPlan& run);
 
  private:
@@ -63,7 +65,7 @@ class RestartScheduler {
   int max_population_;
   double sigma_;
   double decades_;
-  int runs_ = 0;
+  int runs_started_ = 0;
   int doublings_ = 0;         // i of the newest large run
   int large_population_ = 0;  // lambda_l of the newest large run
   Usage large_, small_;

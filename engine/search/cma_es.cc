@@ -120,7 +120,8 @@ void CmaEs::Tell(std::span<const double> costs, std::span<const int> ranking) {
   path_sigma_ = (1 - c_sigma_) * path_sigma_ +
                 std::sqrt(c_sigma_ * (2 - c_sigma_) * mu_eff_) * step_z_;  // Eq. 43
   const double norm = path_sigma_.norm();
-  const double settled = std::sqrt(1 - std::pow(1 - c_sigma_, 2.0 * (generation_ + 1)));
+  // The tutorial's g + 1 is generation_, which counts this generation already.
+  const double settled = std::sqrt(1 - std::pow(1 - c_sigma_, 2.0 * generation_));
   const bool h_sigma = norm / settled < (1.4 + 2.0 / (dimension_ + 1)) * expected_norm_;
   path_c_ *= 1 - c_c_;
   if (h_sigma) path_c_ += std::sqrt(c_c_ * (2 - c_c_) * mu_eff_) * step_;  // Eq. 45

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "engine/errors.h"
+#include "engine/parallel_for.h"
 #include "engine/search/bipop.h"
 #include "engine/search/cma_es.h"
 #include "engine/search/final_comparison.h"
@@ -29,15 +30,17 @@ constexpr int kLastRollouts = 2;
 constexpr int kPromotions = 2;
 // Fresh rollouts that compare the runs between these stages.
 constexpr int kPromotionRollouts = 48;
-// The final comparison takes at most this share of the budget (and 48 rollouts a run).
+// The final comparison and the estimate of its winner take at most this share of the budget (and
+// 48 rollouts a run).
 constexpr int kComparisonShare = 5;
+// Streams of kFinalEvaluation: 0 for the final comparison, 1 to kPromotions for the promotions.
+constexpr std::uint32_t kWinnerEvaluation = kPromotions + 1;
 
 struct FinishedRun {
   RunRecord record;
   std::vector<double> mean;  // (P) within the bounds
   SearchRun run;
-  // More generations may still improve it: others have converged or broken down.
-  bool can_go_on() const { return record.stop == "budget" || record.stop == "Stagnation"; }
+  bool open;  // more generations may still improve it: others have converged or broken down
 };
 
 class PolicySearch {
@@ -46,23 +49,26 @@ class PolicySearch {
                std::uint64_t seed, std::uint32_t episode, const BatchObjective& objective,
                const std::atomic<bool>* stop);
 
-  // One generation of every run; false, nothing done, if `share` of the budget has no room for
-  // it or no run is left.
+  // One generation of every run; false, nothing done, if `share` of the budget has no room for it.
   bool RunGeneration(double share);
-  // Ends all runs and goes on with the best `n_runs`.
+  // Ends all runs and goes on with the best `n_runs`, each with at least so many rollouts.
   void Promote(int n_runs, int rollouts);
   PolicySearchResult Finish();
   int n_slots() const { return n_slots_; }
   PolicySearchProgress Progress() const;
 
  private:
-  void StartRun(SearchRun* slot);
+  SearchRun NewRun();
+  SearchRun NextRun();
   std::int64_t ComparisonReserve() const;
   void PlanGeneration();
   void SummariseGeneration();
   void EndStoppedRuns();
   void EndRun(SearchRun run, std::string stop);
   void EndAllRuns();
+  void CompareOpenRuns();
+  FinalComparison Compare(std::span<const double> candidates, int n, int rollouts,
+                          std::uint32_t comparison);
 
   PolicySearchOptions options_;
   std::size_t dimension_;
@@ -73,12 +79,12 @@ class PolicySearch {
   std::vector<double> start_;  // within the bounds
   int population_;
   int final_rollouts_, promotion_rollouts_;
+  int n_slots_;  // instances side by side while exploring
   RestartScheduler scheduler_;
   std::vector<SearchRun> runs_;
   std::vector<FinishedRun> finished_;
-  int n_slots_;  // instances side by side while exploring
   int promotions_ = 0;
-  int runs_started_ = 0;
+  int promoted_rollouts_ = 0;  // least rollouts a candidate of a promoted run
   std::int64_t evaluations_ = 0;
   double best_return_ = 0, mean_return_ = 0;
   SearchBatch batch_;
@@ -90,7 +96,7 @@ int Population(const PolicySearchOptions& options, std::size_t dimension) {
                                 : 2 * CmaEs::DefaultPopulation(static_cast<int>(dimension));
 }
 
-// Candidates a run may have for the budget to hold kMinGenerations generations of it.
+// Candidates of all runs together for which the budget holds kMinGenerations generations.
 std::int64_t AffordableCandidates(const PolicySearchOptions& options) {
   return options.evaluations / (std::int64_t{kMinGenerations} * options.rollouts);
 }
@@ -107,26 +113,26 @@ PolicySearch::PolicySearch(const PolicySearchOptions& options, std::span<const d
       start_(start.begin(), start.end()),
       population_(Population(options, start.size())),
       final_rollouts_(static_cast<int>(std::clamp<std::int64_t>(
-          options.evaluations / (kComparisonShare * kFinalists), 1, options.final_rollouts))),
+          options.evaluations / (kComparisonShare * (kFinalists + 1)), 1, options.final_rollouts))),
       promotion_rollouts_(std::min(kPromotionRollouts, final_rollouts_)),
+      n_slots_(static_cast<int>(std::clamp<std::int64_t>(
+          AffordableCandidates(options) / population_, 1, options.concurrent))),
       scheduler_(options.restarts, population_,
-                 static_cast<int>(std::min<std::int64_t>(AffordableCandidates(options),
+                 static_cast<int>(std::min<std::int64_t>(AffordableCandidates(options) / n_slots_,
                                                          std::numeric_limits<int>::max())),
                  options.restart_sigma, options.restart_decades) {
   for (double& value : start_) value = std::clamp(value, -options.bound, options.bound);
-  n_slots_ = static_cast<int>(
-      std::clamp<std::int64_t>(AffordableCandidates(options) / population_, 1, options.concurrent));
   runs_.reserve(static_cast<std::size_t>(n_slots_));
-  for (int i = 0; i < n_slots_; ++i) StartRun(nullptr);
+  for (int i = 0; i < n_slots_; ++i) runs_.push_back(NewRun());
 }
 
-// Starts the next run in `slot`, or in a new one if null.
-void PolicySearch::StartRun(SearchRun* slot) {
+SearchRun PolicySearch::NewRun() {
+  const int number = scheduler_.runs_started();
   const StreamKey key = DeriveKey(seed_, StreamPurpose::kSearchRestart,
-                                  {episode_, static_cast<std::uint32_t>(runs_started_)});
+                                  {episode_, static_cast<std::uint32_t>(number)});
   std::vector<double> mean = start_;
   RunPlan plan;
-  if (runs_started_ == 0) {
+  if (number == 0) {
     plan = scheduler_.First(options_.first_sigma);
   } else {
     double draws[2];
@@ -138,13 +144,22 @@ void PolicySearch::StartRun(SearchRun* slot) {
       value = std::clamp(plan.sigma * (2 * value - 1), -options_.bound, options_.bound);
     }
   }
-  SearchRun run(options_, plan, std::move(mean), seed_, episode_);
-  if (slot != nullptr) {
-    *slot = std::move(run);
-  } else {
-    runs_.push_back(std::move(run));
+  return SearchRun(options_, plan, std::move(mean), seed_, episode_);
+}
+
+// What takes a free slot: while exploring a new run, later the best open one that has not gone on
+// yet, if any is left.
+SearchRun PolicySearch::NextRun() {
+  auto best = finished_.end();
+  for (auto run = finished_.begin(); promotions_ > 0 && run != finished_.end(); ++run) {
+    if (!run->open) continue;
+    if (best == finished_.end() || run->record.mean_return > best->record.mean_return) best = run;
   }
-  ++runs_started_;
+  if (best == finished_.end()) return NewRun();
+  SearchRun run = std::move(best->run);
+  finished_.erase(best);
+  run.Promote(promoted_rollouts_);
+  return run;
 }
 
 // Lays out the batch of the next generation.
@@ -159,16 +174,16 @@ void PolicySearch::PlanGeneration() {
 }
 
 // What the comparisons that are still to come may cost at most: the start and every run so far take
-// part in the final one.
+// part in the final one, whose winner is evaluated again.
 std::int64_t PolicySearch::ComparisonReserve() const {
   const std::int64_t promotions = options_.exploration < 1 ? kPromotions - promotions_ : 0;
-  return FinalComparisonCost(runs_started_ + 1, final_rollouts_) +
-         promotions * FinalComparisonCost(runs_started_, promotion_rollouts_);
+  const int n_runs = scheduler_.runs_started();
+  return FinalComparisonCost(n_runs + 1, final_rollouts_) + final_rollouts_ +
+         promotions * FinalComparisonCost(n_runs, promotion_rollouts_);
 }
 
 bool PolicySearch::RunGeneration(double share) {
   if (stop_ != nullptr && stop_->load()) throw Interrupted();
-  if (runs_.empty()) return false;
   PlanGeneration();
   const auto batch_size = static_cast<std::int64_t>(batch_.n_returns);
   const std::int64_t reserve = ComparisonReserve();
@@ -177,46 +192,39 @@ bool PolicySearch::RunGeneration(double share) {
     if (evaluations_ > 0) return false;
     const double needed = static_cast<double>(reserve) + static_cast<double>(batch_size) / share;
     throw InvalidInput("search.evaluations = " + std::to_string(options_.evaluations) +
-                       ": allowed at least " +
+                       ": must be at least " +
                        std::to_string(static_cast<std::int64_t>(std::ceil(needed))) +
-                       ", one generation and the final comparison");
+                       ", for one generation and the final comparison");
   }
-  const auto n_runs = static_cast<std::ptrdiff_t>(runs_.size());
-#pragma omp parallel for schedule(dynamic) num_threads(options_.threads)
-  for (std::ptrdiff_t i = 0; i < n_runs; ++i) runs_[static_cast<std::size_t>(i)].Ask(&batch_);
+  const int n_runs = static_cast<int>(runs_.size());
+  const auto run = [this](int i) -> SearchRun& { return runs_[static_cast<std::size_t>(i)]; };
+  ParallelFor(n_runs, options_.threads, [&](int i) { run(i).Ask(&batch_); });
   objective_({static_cast<int>(batch_.n_candidates), batch_.parameters, batch_.keys,
               batch_.n_rollouts, batch_.first_rollout},
              batch_.returns);
-#pragma omp parallel for schedule(dynamic) num_threads(options_.threads)
-  for (std::ptrdiff_t i = 0; i < n_runs; ++i) runs_[static_cast<std::size_t>(i)].Tell(batch_);
+  ParallelFor(n_runs, options_.threads, [&](int i) { run(i).Tell(batch_); });
   evaluations_ += batch_size;
   SummariseGeneration();
-  for (const SearchRun& run : runs_) scheduler_.Add(run.plan(), run.n_returns());
+  for (const SearchRun& told : runs_) {
+    if (!told.promoted()) scheduler_.Add(told.plan(), told.n_returns());
+  }
   EndStoppedRuns();
   return true;
 }
 
-// Runs that met a stopping criterion make room for new ones, while exploring.
+// Runs that met a stopping criterion make room for others.
 void PolicySearch::EndStoppedRuns() {
-  const bool exploring = promotions_ == 0;
-  for (std::size_t i = 0; i < runs_.size();) {
-    SearchRun& run = runs_[i];
+  for (SearchRun& run : runs_) {
     std::string stop(run.stop());
-    if (exploring && stop.empty() && scheduler_.IsExhausted(run.plan(), run.evaluations())) {
+    if (run.promoted()) {
+      // It was among the best: it keeps its share although its progress is slow.
+      if (stop == "Stagnation") stop.clear();
+    } else if (stop.empty() && scheduler_.IsExhausted(run.plan(), run.evaluations())) {
       stop = "SmallBudget";
     }
-    // A promoted run was among the best: it keeps its share although its progress is slow.
-    if (stop.empty() || (!exploring && stop == "Stagnation")) {
-      ++i;
-      continue;
-    }
+    if (stop.empty()) continue;
     EndRun(std::move(run), std::move(stop));
-    if (exploring) {
-      StartRun(&run);
-      ++i;
-    } else {
-      runs_.erase(runs_.begin() + static_cast<std::ptrdiff_t>(i));
-    }
+    run = NextRun();
   }
 }
 
@@ -235,7 +243,7 @@ void PolicySearch::SummariseGeneration() {
 }
 
 void PolicySearch::EndRun(SearchRun run, std::string stop) {
-  scheduler_.End(run.plan());
+  if (!run.promoted()) scheduler_.End(run.plan());
   if (run.evaluations() == 0) return;  // started as the budget ended
   RunRecord record{run.plan().run,
                    run.plan().regime == Regime::kLarge,
@@ -244,8 +252,10 @@ void PolicySearch::EndRun(SearchRun run, std::string stop) {
                    run.evaluations(),
                    std::move(stop),
                    0};
+  // What stagnates after exploration has had its chance.
+  const bool open = record.stop == "budget" || (record.stop == "Stagnation" && promotions_ == 0);
   std::vector<double> mean = run.Mean();
-  finished_.push_back({std::move(record), std::move(mean), std::move(run)});
+  finished_.push_back({std::move(record), std::move(mean), std::move(run), open});
 }
 
 void PolicySearch::EndAllRuns() {
@@ -255,35 +265,39 @@ void PolicySearch::EndAllRuns() {
             [](const FinishedRun& a, const FinishedRun& b) { return a.record.run < b.record.run; });
 }
 
+// Mean returns of `n` policies by fresh rollouts on common streams.
+FinalComparison PolicySearch::Compare(std::span<const double> candidates, int n, int rollouts,
+                                      std::uint32_t comparison) {
+  const StreamKey key = DeriveKey(seed_, StreamPurpose::kFinalEvaluation, {episode_, comparison});
+  FinalComparison result = CompareFinalMeans(candidates, n, rollouts, key, objective_, stop_);
+  evaluations_ += result.evaluations;
+  return result;
+}
+
+void PolicySearch::CompareOpenRuns() {
+  std::vector<double> candidates;
+  std::vector<FinishedRun*> open;
+  for (FinishedRun& run : finished_) {
+    if (!run.open) continue;
+    open.push_back(&run);
+    candidates.insert(candidates.end(), run.mean.begin(), run.mean.end());
+  }
+  const FinalComparison comparison =
+      Compare(candidates, static_cast<int>(open.size()), promotion_rollouts_,
+              static_cast<std::uint32_t>(promotions_));
+  for (std::size_t k = 0; k < open.size(); ++k) {
+    open[k]->record.mean_return = comparison.mean_returns[k];
+  }
+}
+
 void PolicySearch::Promote(int n_runs, int rollouts) {
   EndAllRuns();
   ++promotions_;
-  const auto open = std::stable_partition(finished_.begin(), finished_.end(),
-                                          [](const FinishedRun& run) { return !run.can_go_on(); });
-  const int n_open = static_cast<int>(finished_.end() - open);
-  if (n_open == 0) return;
-  std::vector<double> candidates;
-  for (auto run = open; run != finished_.end(); ++run) {
-    candidates.insert(candidates.end(), run->mean.begin(), run->mean.end());
-  }
-  const FinalComparison comparison =
-      CompareFinalMeans(candidates, n_open, promotion_rollouts_,
-                        DeriveKey(seed_, StreamPurpose::kFinalEvaluation,
-                                  {episode_, static_cast<std::uint32_t>(promotions_)}),
-                        objective_, stop_);
-  evaluations_ += comparison.evaluations;
-  for (int k = 0; k < n_open; ++k) {
-    open[k].record.mean_return = comparison.mean_returns[static_cast<std::size_t>(k)];
-  }
-  std::stable_sort(open, finished_.end(), [](const FinishedRun& a, const FinishedRun& b) {
-    return a.record.mean_return > b.record.mean_return;
-  });
-  const auto end = open + std::min(n_runs, n_open);
-  for (auto run = open; run != end; ++run) {
-    runs_.push_back(std::move(run->run));
-    runs_.back().set_rollouts(rollouts);
-  }
-  finished_.erase(open, end);
+  promoted_rollouts_ = rollouts;
+  const auto n_open = std::count_if(finished_.begin(), finished_.end(),
+                                    [](const FinishedRun& run) { return run.open; });
+  if (n_open > n_runs) CompareOpenRuns();
+  for (int i = 0; i < n_runs; ++i) runs_.push_back(NextRun());
 }
 
 PolicySearchResult PolicySearch::Finish() {
@@ -292,16 +306,16 @@ PolicySearchResult PolicySearch::Finish() {
   for (const FinishedRun& run : finished_) {
     candidates.insert(candidates.end(), run.mean.begin(), run.mean.end());
   }
-  const FinalComparison comparison = CompareFinalMeans(
-      candidates, static_cast<int>(finished_.size()) + 1, final_rollouts_,
-      DeriveKey(seed_, StreamPurpose::kFinalEvaluation, {episode_}), objective_, stop_);
+  const FinalComparison comparison =
+      Compare(candidates, static_cast<int>(finished_.size()) + 1, final_rollouts_, 0);
   PolicySearchResult result;
   const auto best = static_cast<std::size_t>(comparison.best);
   result.parameters.assign(
       candidates.begin() + static_cast<std::ptrdiff_t>(best * dimension_),
       candidates.begin() + static_cast<std::ptrdiff_t>((best + 1) * dimension_));
-  result.predicted_return = comparison.mean_returns[best];
-  evaluations_ += comparison.evaluations;
+  // The comparison favours whom its rollouts flatter: the prediction takes fresh ones.
+  result.predicted_return =
+      Compare(result.parameters, 1, final_rollouts_, kWinnerEvaluation).mean_returns[0];
   result.evaluations = evaluations_;
   best_return_ = mean_return_ = result.predicted_return;
   for (std::size_t k = 0; k < finished_.size(); ++k) {
@@ -312,7 +326,8 @@ PolicySearchResult PolicySearch::Finish() {
 }
 
 PolicySearchProgress PolicySearch::Progress() const {
-  return {evaluations_, options_.evaluations, runs_started_, best_return_, mean_return_};
+  return {evaluations_, options_.evaluations, scheduler_.runs_started(), best_return_,
+          mean_return_};
 }
 
 }  // namespace

@@ -27,13 +27,15 @@ enum class UncertaintyHandling {
 struct PolicySearchOptions {
   std::int64_t evaluations = 300000;  // rollouts an episode's search may spend; [100, 1e12]
   int population = 0;                 // lambda; 0: twice CMA-ES's default; 0 or [2, 100000]
-  int rollouts = 1;                   // rollouts a candidate; [1, 10000]
-  int max_rollouts = 20;              // limit of kRollouts; [1, 10000]
-  int concurrent = 8;                 // CMA-ES instances that share each batch; [1, 1024]
-  // Share of the evaluations for all runs alike; the rest goes to the best half of them, then to
-  // the best quarter; 1: no such selection; [0.1, 1].
+  int rollouts = 1;       // rollouts a candidate, twice as many in the last stage of the
+                          // selection (within max_rollouts for kRollouts); [1, 10000]
+  int max_rollouts = 20;  // limit of kRollouts; [1, 10000]
+  int concurrent = 8;     // CMA-ES instances that share each batch; [1, 1024]
+  // Share of the evaluations for all runs alike; one half of the rest is for the best half of them,
+  // the other for the best quarter, with 2 `rollouts`; 1: no such selection; [0.1, 1].
   double exploration = 0.55;
-  int final_rollouts = 480;      // rollouts that compare the best final means; [1, 1e6]
+  int final_rollouts = 480;      // that compare each of the best final means, and again for the
+                                 // prediction of the winner; [1, 1e6]
   double bound = 5;              // parameters lie in +-bound; > 0
   double first_sigma = 1;        // step size of the first run, from the last policy; > 0
   double restart_sigma = 5;      // restarts draw sigma = restart_sigma 10^(-decades U); > 0
@@ -62,8 +64,8 @@ struct RunRecord {
   int population = 0;
   double initial_sigma = 0;
   std::int64_t evaluations = 0;
-  // The criterion, e.g. "TolX"; "SmallBudget" if a small run used up its share; "budget" if the
-  // search ended first.
+  // The criterion, e.g. "TolX"; "SmallBudget" if a small run used up its share; "budget" if its
+  // share of the search ended first.
   std::string stop;
   // Of its final mean: by final_rollouts fresh rollouts if it came among the finalists, else by the
   // 48 that chose them.
@@ -80,20 +82,33 @@ struct PolicySearchProgress {
 
 struct PolicySearchResult {
   std::vector<double> parameters;  // (P) mean of the best final distribution
-  double predicted_return = 0;     // its mean return by final_rollouts fresh rollouts
-  std::int64_t evaluations = 0;    // rollouts, the final comparison included
+  // Its mean return by final_rollouts rollouts on streams of their own, not those by which it won
+  // the comparison: unbiased.
+  double predicted_return = 0;
+  std::int64_t evaluations = 0;  // rollouts, the final comparison included
   std::vector<RunRecord> runs;
 };
 
 // Maximises the expected return over policy parameters in +-bound with restarted active CMA-ES
 // (paper, section III-D; DESIGN 5). The first run starts at `start` (P), clipped to the bounds.
-// Fewer instances than `concurrent` run if the budget has no 100 generations for each. When the
-// budget ends, the final means of all runs and `start` itself are compared by fresh rollouts on
-// common random streams, and the best is returned, so that it is never predicted to be worse than
-// `start`. The budget covers the comparison, which takes final_rollouts, or a fortieth of the
-// budget if that is less, for each of at most 8 finalists. All random numbers derive from (seed,
-// episode, run, generation, candidate); the result depends on nothing else. A
-// return that is not finite counts as worse than any other.
+// Fewer instances than `concurrent` run if the budget has no 100 generations for each.
+//
+// The budget goes by successive halving. All instances explore alike for the share `exploration`;
+// a run that meets a stopping criterion makes room for a new one. Then all runs that may still
+// improve are compared by 48 fresh rollouts each, and the best, half as many as there were
+// instances, go on from where they were with half of the rest; then the same again with a quarter
+// as many, which take at least 2 `rollouts` a candidate. When one of these converges, the next best
+// of the runs that were passed over goes on in its place, or a new one starts, until no generation
+// fits.
+//
+// At the end the final means of all runs and `start` itself are compared by fresh rollouts on
+// common random streams, and the best is returned. Its return is predicted by as many rollouts
+// again, so that the prediction has no bias from the choice; by chance it can be less than the
+// comparison gave `start`. The budget covers this: final_rollouts, or a 45th of the budget if that
+// is less, for each of at most 8 finalists and for the prediction.
+//
+// All random numbers derive from (seed, episode, run, generation, candidate); the result depends on
+// nothing else. A return that is not finite counts as worse than any other.
 // `progress` (may be empty) is called after every batch; `stop` (may be null) is looked at between
 // batches and ends the search by throwing Interrupted. Throws InvalidInput for options out of
 // range, an empty or non-finite start, or a budget that holds not even one generation.

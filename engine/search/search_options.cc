@@ -13,21 +13,21 @@ namespace downpour {
 namespace {
 
 template <typename T>
-[[noreturn]] void Refuse(const std::string& name, T value, const std::string& allowed) {
+[[noreturn]] void Refuse(const std::string& name, T value, const std::string& wanted) {
   std::ostringstream message;
-  message << "search." << name << " = " << value << ": allowed " << allowed;
+  message << "search." << name << " = " << value << ": must be " << wanted;
   throw InvalidInput(message.str());
 }
 
 template <typename T>
-void CheckRange(const std::string& name, T value, T low, T high, const std::string& allowed) {
+void CheckRange(const std::string& name, T value, T low, T high, const std::string& range) {
   // Written so that NaN is refused.
-  if (!(value >= low && value <= high)) Refuse(name, value, allowed);
+  if (!(value >= low && value <= high)) Refuse(name, value, "in " + range);
 }
 
 void CheckPositive(const std::string& name, double value) {
   if (!(value > 0 && value <= std::numeric_limits<double>::max())) {
-    Refuse(name, value, "(0, infinity)");
+    Refuse(name, value, "finite and > 0");
   }
 }
 
@@ -37,7 +37,7 @@ void CheckPolicySearchOptions(const PolicySearchOptions& options, std::span<cons
   CheckRange<std::int64_t>("evaluations", options.evaluations, 100, 1'000'000'000'000,
                            "[100, 1e12]");
   if (options.population != 0) {
-    CheckRange("population", options.population, 2, 100000, "0 (default) or [2, 100000]");
+    CheckRange("population", options.population, 2, 100000, "[2, 100000], or 0 (default)");
   }
   CheckRange("rollouts", options.rollouts, 1, 10000, "[1, 10000]");
   const bool adapts_rollouts = options.uncertainty == UncertaintyHandling::kRollouts;
@@ -51,10 +51,10 @@ void CheckPolicySearchOptions(const PolicySearchOptions& options, std::span<cons
   CheckPositive("first_sigma", options.first_sigma);
   CheckPositive("restart_sigma", options.restart_sigma);
   CheckRange("restart_decades", options.restart_decades, 0.0, 10.0, "[0, 10]");
-  if (start.empty()) Refuse("start", "no parameters", "at least one parameter");
+  if (start.empty()) Refuse("start", "no parameters", "a vector of at least one");
   for (std::size_t i = 0; i < start.size(); ++i) {
     if (!std::isfinite(start[i])) {
-      Refuse("start[" + std::to_string(i) + "]", start[i], "finite numbers");
+      Refuse("start[" + std::to_string(i) + "]", start[i], "finite");
     }
   }
 }

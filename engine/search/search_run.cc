@@ -62,6 +62,15 @@ std::vector<double> SearchRun::Mean() const {
   return mean;
 }
 
+void SearchRun::Promote(int min_rollouts) {
+  promoted_ = true;
+  if (uncertainty_ == UncertaintyHandling::kRollouts) {
+    min_rollouts = std::min(min_rollouts, max_rollouts_);
+  }
+  min_rollouts_ = std::max(min_rollouts_, min_rollouts);
+  rollouts_ = std::max<double>(rollouts_, min_rollouts_);
+}
+
 void SearchRun::Plan(SearchBatch* batch) {
   n_rollouts_ = static_cast<std::size_t>(std::lround(rollouts_));
   if (uncertainty_ != UncertaintyHandling::kOff) {

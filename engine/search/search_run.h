@@ -34,7 +34,9 @@ class SearchRun {
   std::string_view stop() const { return cma_.stop(); }
   std::span<const double> costs() const { return costs_; }  // of the last generation
   std::vector<double> Mean() const;                         // (P) within the bounds
-  void set_rollouts(int rollouts) { rollouts_ = rollouts; }
+  // Goes on with at least so many rollouts a candidate (under kRollouts within its limit).
+  void Promote(int min_rollouts);
+  bool promoted() const { return promoted_; }
   // Rollouts of this generation.
   std::int64_t n_returns() const { return static_cast<std::int64_t>(n_candidates() * n_rollouts_); }
 
@@ -57,6 +59,7 @@ class SearchRun {
   std::uint64_t seed_;
   std::uint32_t episode_;
   double rollouts_;  // a candidate, before rounding
+  bool promoted_ = false;
   std::int64_t evaluations_ = 0;
   // This generation.
   std::size_t n_rollouts_ = 0, first_candidate_ = 0, first_return_ = 0;

@@ -52,7 +52,6 @@ class CmaEsReference {
 
   // Steps and costs of the candidates.
   void Update(const std::vector<Vector>& y, const std::vector<double>& costs) {
-    ++generation;
     const long double n = m.size();
     std::vector<int> order(costs.size());
     std::iota(order.begin(), order.end(), 0);
@@ -69,8 +68,9 @@ class CmaEsReference {
               std::sqrt(c_sigma * (2 - c_sigma) * mu_eff) * (inverse_root * y_w);
     const long double chi = std::sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n * n));
     const long double norm = p_sigma.norm();
-    const bool h = norm / std::sqrt(1 - std::pow(1 - c_sigma, 2 * (generation + 1))) <
-                   (1.4L + 2 / (n + 1)) * chi;
+    // h_sigma of appendix A, of p_sigma^(g+1); the first generation is g = 0.
+    const bool h =
+        norm / std::sqrt(1 - std::pow(1 - c_sigma, 2 * (g + 1))) < (1.4L + 2 / (n + 1)) * chi;
     p_c = (1 - c_c) * p_c + (h ? 1 : 0) * std::sqrt(c_c * (2 - c_c) * mu_eff) * y_w;
     long double weight_sum = 0;
     for (const long double w : weights) weight_sum += w;
@@ -84,8 +84,9 @@ class CmaEsReference {
     }
     C = next;
     const int interval = static_cast<int>(2 / (n * (c_1 + c_mu)));
-    if (generation % std::max(1, interval) == 0) decomposed_C = C;
     sigma *= std::exp(c_sigma / d_sigma * (norm / chi - 1));
+    ++g;
+    if (g % std::max(1, interval) == 0) decomposed_C = C;
   }
 
   Vector m;
@@ -95,7 +96,7 @@ class CmaEsReference {
 
  private:
   std::vector<long double> weights;
-  int mu = 0, generation = 0;
+  int mu = 0, g = 0;
   long double mu_eff = 0, c_1 = 0, c_mu = 0;
 };
 

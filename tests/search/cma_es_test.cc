@@ -11,40 +11,17 @@
 #include <vector>
 
 #include "tests/search/cma_es_reference.h"
+#include "tests/search/test_functions.h"
 
 namespace downpour {
 namespace {
-
-using Function = std::function<double(std::span<const double>)>;
-
-double Sphere(std::span<const double> x) {
-  double sum = 0;
-  for (const double v : x) sum += v * v;
-  return sum;
-}
-
-double Ellipsoid(std::span<const double> x) {
-  double sum = 0;
-  for (std::size_t i = 0; i < x.size(); ++i) {
-    sum += std::pow(1e6, static_cast<double>(i) / static_cast<double>(x.size() - 1)) * x[i] * x[i];
-  }
-  return sum;
-}
-
-double Rosenbrock(std::span<const double> x) {
-  double sum = 0;
-  for (std::size_t i = 0; i + 1 < x.size(); ++i) {
-    sum += 100 * std::pow(x[i] * x[i] - x[i + 1], 2) + std::pow(x[i] - 1, 2);
-  }
-  return sum;
-}
 
 StreamKey SamplingKey(std::uint64_t seed, int generation) {
   return DeriveKey(seed, StreamPurpose::kSearchSampling, {static_cast<std::uint32_t>(generation)});
 }
 
 // One generation; returns the best cost.
-double Step(CmaEs& cma, const Function& function, std::uint64_t seed) {
+double Step(CmaEs& cma, const TestFunction& function, std::uint64_t seed) {
   const auto p = static_cast<std::size_t>(cma.dimension());
   const auto lambda = static_cast<std::size_t>(cma.population());
   std::vector<double> x(p * lambda), costs(lambda);
@@ -55,7 +32,7 @@ double Step(CmaEs& cma, const Function& function, std::uint64_t seed) {
 }
 
 // Median over 11 seeds of the evaluations to 1e-8; runs that stop first count as infinite.
-double MedianEvaluations(const Function& function, int dimension) {
+double MedianEvaluations(const TestFunction& function, int dimension) {
   std::vector<double> evaluations;
   for (std::uint32_t seed = 1; seed <= 11; ++seed) {
     std::vector<double> mean(static_cast<std::size_t>(dimension));
@@ -71,7 +48,7 @@ double MedianEvaluations(const Function& function, int dimension) {
   return evaluations[5];
 }
 
-std::string RunToStop(const Function& function, const std::vector<double>& mean, double sigma,
+std::string RunToStop(const TestFunction& function, const std::vector<double>& mean, double sigma,
                       const CmaEsTolerances& tolerances) {
   CmaEs cma(mean, sigma, 8, tolerances);
   while (cma.stop().empty() && cma.generation() < 20000) Step(cma, function, 7);
@@ -122,7 +99,7 @@ TEST_CASE("cma_es: needs the known number of evaluations to 1e-8") {
 }
 
 TEST_CASE("cma_es: a rising function of the costs changes no bit") {
-  const auto run = [](const Function& function) {
+  const auto run = [](const TestFunction& function) {
     CmaEs cma(std::vector<double>(30, 1.0), 1, 20);
     for (int g = 0; g < 50; ++g) Step(cma, function, 1);
     return std::vector<double>(cma.mean().begin(), cma.mean().end());

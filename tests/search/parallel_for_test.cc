@@ -1,0 +1,42 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "engine/parallel_for.h"
+
+#include <doctest/doctest.h>
+
+#include <string>
+#include <vector>
+
+#include "engine/errors.h"
+
+namespace downpour {
+namespace {
+
+TEST_CASE("parallel_for: calls the body once for every index") {
+  for (const int n : {0, 1, 3, 1000}) {
+    for (const int threads : {1, 2, 5}) {
+      std::vector<int> calls(n);
+      ParallelFor(n, threads, [&](int i) { ++calls[i]; });
+      CHECK(calls == std::vector<int>(n, 1));
+    }
+  }
+}
+
+TEST_CASE("parallel_for: the caller gets the exception of the lowest index, after all others") {
+  for (const int threads : {1, 3}) {
+    std::vector<int> calls(100);
+    std::string message;
+    try {
+      ParallelFor(100, threads, [&](int i) {
+        ++calls[i];
+        if (i % 7 == 5) throw InvalidInput(std::to_string(i));
+      });
+    } catch (const InvalidInput& error) {
+      message = error.what();
+    }
+    CHECK(message == "5");
+    CHECK(calls == std::vector<int>(100, 1));
+  }
+}
+
+}  // namespace
+}  // namespace downpour

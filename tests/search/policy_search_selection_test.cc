@@ -1,0 +1,195 @@
+// SPDX-License-Identifier: Apache-2.0
+// Successive halving: which runs go on, with how many rollouts, and what becomes of the budget.
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "engine/errors.h"
+#include "engine/search/policy_search.h"
+#include "tests/search/noisy_search.h"
+
+namespace downpour {
+namespace {
+
+// Rastrigin's function, milder: runs end in different local optima.
+double Rastrigin(std::span<const double> x) {
+  double sum = 0;
+  for (const double v : x) sum += v * v + 3 * (1 - std::cos(6 * v));
+  return 40 - sum;
+}
+
+TEST_CASE("policy_search: the best runs get the rest of the budget") {
+  // So small a budget that most runs do not converge.
+  PolicySearchOptions options = SmallOptions();
+  options.evaluations = 20000;
+  options.concurrent = 8;
+  options.exploration = 0.4;
+  std::int64_t used = 0;
+  const PolicySearchResult result = Search(options, Noisy(Rastrigin, 1, &used));
+  CHECK(used <= options.evaluations);
+  CHECK(result.evaluations == used);
+  // Runs share the exploration alike: only a promoted one can have had half as much again.
+  const auto longest =
+      std::max_element(result.runs.begin(), result.runs.end(),
+                       [](const auto& a, const auto& b) { return a.evaluations < b.evaluations; });
+  CHECK(longest->evaluations > 1.5 * 0.4 * 20000 / 8);
+  const auto [worst, best] = std::minmax_element(
+      result.runs.begin(), result.runs.end(),
+      [](const auto& a, const auto& b) { return a.mean_return < b.mean_return; });
+  CHECK(worst->mean_return < best->mean_return - 0.5);
+  CHECK(longest->mean_return > best->mean_return - 0.5);
+}
+
+TEST_CASE("policy_search: runs that were passed over go on before new ones start") {
+  PolicySearchOptions options = SmallOptions();
+  options.evaluations = 40000;
+  options.concurrent = 8;
+  options.exploration = 0.4;
+  const PolicySearchResult result = Search(options, Noisy(Rastrigin, 1));
+  REQUIRE(result.runs.size() > 8);
+  // Only the two of the last stage are left: all others have converged.
+  CHECK(std::count_if(result.runs.begin(), result.runs.end(),
+                      [](const RunRecord& run) { return run.stop == "budget"; }) == 2);
+}
+
+TEST_CASE("policy_search: a selection between runs spends any budget and no more") {
+  for (const std::int64_t evaluations : {600, 1000, 3000, 20000}) {
+    for (const double exploration : {0.1, 0.55, 0.99}) {
+      for (const double noise : {0.0, 1.0}) {
+        PolicySearchOptions options = SmallOptions();
+        options.evaluations = evaluations;
+        options.exploration = exploration;
+        std::int64_t used = 0;
+        PolicySearchResult result;
+        try {
+          result = Search(options, Noisy(Hill, noise, &used));
+        } catch (const InvalidInput& error) {  // less than one generation
+          CHECK(std::string(error.what()).find("search.evaluations") != std::string::npos);
+          CHECK(evaluations * exploration < 1000);
+          continue;
+        }
+        CHECK(used <= evaluations);
+        CHECK(used > 0.9 * static_cast<double>(evaluations));
+        CHECK(result.evaluations == used);
+      }
+    }
+  }
+}
+
+TEST_CASE("policy_search: where runs converge early, others take the rest of the budget") {
+  for (const RestartStrategy restarts : {RestartStrategy::kBipop, RestartStrategy::kSmall}) {
+    for (const int concurrent : {1, 4, 8}) {
+      PolicySearchOptions options = SmallOptions();
+      options.restarts = restarts;
+      options.evaluations = 100000;
+      options.concurrent = concurrent;
+      std::int64_t used = 0;
+      const PolicySearchResult result = Search(options, Noisy(Hill, 0, &used));
+      CHECK(used <= options.evaluations);
+      CHECK(used > 0.9 * static_cast<double>(options.evaluations));
+      CHECK(Hill(result.parameters) > 39.99);
+    }
+  }
+}
+
+TEST_CASE("policy_search: promotion keeps the rollouts that a run has adapted") {
+  for (const int rollouts : {1, 15}) {
+    PolicySearchOptions options = SmallOptions();
+    options.evaluations = 40000;
+    options.uncertainty = UncertaintyHandling::kRollouts;
+    options.rollouts = rollouts;
+    options.concurrent = 1;
+    std::vector<int> n_rollouts;
+    const BatchObjective inner = Noisy([](auto) { return 0.0; }, 1);
+    Search(options, [&](const CandidateBatch& batch, std::span<double> returns) {
+      inner(batch, returns);
+      if (batch.n_candidates >= 18) n_rollouts.push_back(batch.n_rollouts[0]);
+    });
+    REQUIRE(n_rollouts.size() > 10);
+    CHECK(*std::max_element(n_rollouts.begin(), n_rollouts.end()) == options.max_rollouts);
+    for (std::size_t g = 1; g < n_rollouts.size(); ++g) {
+      CHECK(n_rollouts[g] >= std::floor(n_rollouts[g - 1] / 1.5));
+    }
+    // The last stage: at least twice `rollouts`, within the limit.
+    CHECK(n_rollouts.back() >= std::min(2 * rollouts, options.max_rollouts));
+  }
+}
+
+TEST_CASE("policy_search: the last stage doubles the rollouts where they are not adapted") {
+  PolicySearchOptions options = SmallOptions();
+  options.rollouts = 3;
+  options.concurrent = 1;
+  std::vector<int> n_rollouts;
+  const BatchObjective inner = Noisy([](auto) { return 0.0; }, 1);
+  Search(options, [&](const CandidateBatch& batch, std::span<double> returns) {
+    inner(batch, returns);
+    if (batch.n_candidates >= 18) n_rollouts.push_back(batch.n_rollouts[0]);
+  });
+  CHECK(std::is_sorted(n_rollouts.begin(), n_rollouts.end()));
+  CHECK(n_rollouts.front() == 3);
+  CHECK(n_rollouts.back() == 6);
+}
+
+TEST_CASE("policy_search: runs that all go on are not compared") {
+  PolicySearchOptions options = SmallOptions();
+  options.concurrent = 1;
+  int of_one = 0;
+  const BatchObjective inner = Noisy(Hill, 1);
+  Search(options, [&](const CandidateBatch& batch, std::span<double> returns) {
+    inner(batch, returns);
+    of_one += batch.n_candidates == 1;
+  });
+  CHECK(of_one == 1);  // the estimate of the winner
+}
+
+TEST_CASE("policy_search: under BIPOP every run side by side may have 100 generations") {
+  PolicySearchOptions options = SmallOptions();
+  options.restarts = RestartStrategy::kBipop;
+  options.evaluations = 60000;
+  options.concurrent = 8;
+  const PolicySearchResult result = Search(options, Noisy(Hill, 0));
+  int largest = 0;
+  for (const RunRecord& run : result.runs) largest = std::max(largest, run.population);
+  CHECK(largest == 60000 / (8 * 100));
+}
+
+TEST_CASE("policy_search: the predicted return of the winner is unbiased") {
+  // Every policy has mean return 0, but each its own noise, so that the winner of the comparison
+  // is the luckiest.
+  const BatchObjective noise = [](const CandidateBatch& batch, std::span<double> returns) {
+    std::size_t k = 0;
+    for (std::size_t c = 0; c < static_cast<std::size_t>(batch.n_candidates); ++c) {
+      const auto x = batch.parameters.subspan(c * kP, kP);
+      for (int r = 0; r < batch.n_rollouts[c]; ++r) {
+        double z[kP], product = 0, square = 1e-300;
+        FillNormals(batch.keys[c], static_cast<std::uint32_t>(batch.first_rollout[c] + r), z, kP);
+        for (std::size_t i = 0; i < kP; ++i) product += z[i] * x[i], square += x[i] * x[i];
+        returns[k++] = product / std::sqrt(square);
+      }
+    }
+  };
+  PolicySearchOptions options = SmallOptions();
+  options.evaluations = 4500;  // 100 rollouts of the winner
+  options.population = 4;
+  constexpr int kSearches = 40;
+  double sum = 0, largest = 0;
+  for (int seed = 0; seed < kSearches; ++seed) {
+    const PolicySearchResult result =
+        SearchPolicy(options, std::vector<double>(kP, 0.0), seed, 1, noise, {}, nullptr);
+    sum += result.predicted_return;
+    double best = 0;
+    for (const RunRecord& run : result.runs) best = std::max(best, run.mean_return);
+    largest += best;
+  }
+  const double standard_error = 1 / std::sqrt(100.0 * kSearches);
+  CHECK(std::abs(sum / kSearches) < 4 * standard_error);
+  CHECK(largest / kSearches > 4 * standard_error);  // what the comparison would have said
+}
+
+}  // namespace
+}  // namespace downpour
