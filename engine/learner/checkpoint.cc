@@ -8,6 +8,7 @@
 
 #include "engine/errors.h"
 #include "engine/learner/atomic_file.h"
+#include "engine/learner/checksum.h"
 #include "engine/learner/json_field.h"
 #include "engine/learner/learner_checks.h"
 #include "engine/rollout/policy.h"
@@ -21,15 +22,6 @@ constexpr const char* kFormat = "downpour checkpoint";
 constexpr int kMaxInt = std::numeric_limits<int>::max();
 constexpr std::int64_t kMaxInt64 = std::numeric_limits<std::int64_t>::max();
 
-// 64-bit FNV-1a as 16 hexadecimal digits (http://www.isthe.com/chongo/tech/comp/fnv).
-std::string Checksum(std::string_view text) {
-  std::uint64_t hash = 0xcbf29ce484222325;
-  for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3;
-  std::string digits(16, '0');
-  for (int i = 15; i >= 0; --i, hash >>= 4) digits[i] = "0123456789abcdef"[hash & 15];
-  return digits;
-}
-
 // What defines the task, as far as results depend on it.
 Json TaskSettings(const Task& task) {
   Json features = Json::array();
@@ -38,6 +30,7 @@ Json TaskSettings(const Task& task) {
   }
   return {{"task", task.name},
           {"preset", task.preset},
+          {"task.model_digest", task.model_digest},
           {"task.features", features},
           {"task.horizon", task.horizon},
           {"task.control_period", JsonNumber(task.control_period)},
@@ -56,16 +49,19 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   static constexpr std::array kRestarts = {"bipop", "small"};
   static constexpr std::array kUncertainty = {"off", "sigma", "rollouts"};
   // Named one by one, so that a new option does not compile until it is here.
-  const auto& [restarts, max_evaluations] = options.model;
-  const auto& [use_variance, predict_noise, sample_clamp, rollout_threads] = options.rollout;
+  const auto& [episodes, random_episodes, until_solved, hidden_units, seed, threads, model, search,
+               rollout] = options;
+  const auto& [restarts, max_evaluations] = model;
+  const auto& [use_variance, predict_noise, sample_clamp, rollout_threads] = rollout;
   const auto& [evaluations, population, rollouts, max_rollouts, concurrent, exploration,
                final_rollouts, bound, first_sigma, restart_sigma, restart_decades, search_threads,
-               restart_strategy, uncertainty] = options.search;
-  static_cast<void>(rollout_threads);
-  static_cast<void>(search_threads);
-  Json settings = {{"learn.seed", options.seed},
-                   {"learn.random_episodes", options.random_episodes},
-                   {"policy.hidden_units", options.hidden_units},
+               restart_strategy, uncertainty] = search;
+  // Not compared: how long the run is, and threads.
+  static_cast<void>(episodes), static_cast<void>(until_solved), static_cast<void>(threads);
+  static_cast<void>(rollout_threads), static_cast<void>(search_threads);
+  Json settings = {{"learn.seed", seed},
+                   {"learn.random_episodes", random_episodes},
+                   {"policy.hidden_units", hidden_units},
                    {"model.restarts", restarts},
                    {"model.max_evaluations", max_evaluations},
                    {"rollout.variance", use_variance},
@@ -123,12 +119,16 @@ Json EpisodeToJson(const EpisodeRecord& record) {
           {"evaluations", record.evaluations},
           {"gp_queries", record.gp_queries},
           {"diverged", record.diverged},
+          {"lane_fill", JsonNumber(record.lane_fill)},
           {"predicted_return", JsonNumber(record.predicted_return)},
           {"real_return", JsonNumber(record.real_return)},
           {"solved", record.solved},
           {"policy", JsonNumbers(record.policy)},
           {"hyperparameters", hyperparameters},
-          {"runs", runs}};
+          {"jitter", JsonNumbers(record.jitter)},
+          {"runs", runs},
+          {"simd_target", record.platform.simd_target},
+          {"blas_core", record.platform.blas_core}};
 }
 
 Json TransitionToJson(const Transition& transition) {
@@ -164,6 +164,7 @@ EpisodeRecord EpisodeFromJson(const JsonField& field) {
   record.evaluations = field["evaluations"].Integer(0, kMaxInt64);
   record.gp_queries = field["gp_queries"].Integer(0, kMaxInt64);
   record.diverged = field["diverged"].Integer(0, kMaxInt64);
+  record.lane_fill = field["lane_fill"].Number();
   record.predicted_return = field["predicted_return"].Number();
   record.real_return = field["real_return"].Number();
   record.solved = field["solved"].Bool();
@@ -172,7 +173,9 @@ EpisodeRecord EpisodeFromJson(const JsonField& field) {
     record.hyperparameters.push_back(
         {item["lengthscales"].Numbers(), item["signal_std"].Number(), item["noise_std"].Number()});
   }
+  record.jitter = field["jitter"].Numbers();
   for (const JsonField& item : field["runs"].Items()) record.runs.push_back(RunFromJson(item));
+  record.platform = {field["simd_target"].String(), field["blas_core"].String()};
   return record;
 }
 

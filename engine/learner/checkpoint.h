@@ -11,8 +11,10 @@ namespace downpour {
 
 // A checkpoint is one JSON object: "format", "version", "checksum" (64-bit FNV-1a of the compact
 // text of "payload") and "payload": the settings that results depend on and the learner's state.
+// The platform of each episode is part of the state and no setting: a run may go on on another
+// machine, and PlatformDifference (platform.h) tells when its bits are then mixed.
 // Finite numbers round-trip bit for bit; NaN and infinities are the strings "nan", "inf", "-inf".
-inline constexpr int kCheckpointVersion = 1;
+inline constexpr int kCheckpointVersion = 2;
 
 // The text of a checkpoint.
 std::string FormatCheckpoint(const Task& task, const LearnerOptions& options,

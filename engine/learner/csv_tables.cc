@@ -36,14 +36,15 @@ const char* Boolean(bool value) { return value ? "true" : "false"; }
 std::string EpisodesCsv(const LearnerState& state) {
   std::string csv =
       "episode,random,interaction_seconds [s],points,evaluations [rollouts],gp_queries,"
-      "diverged [rollouts],predicted_return,return,solved\n";
+      "diverged [rollouts],lane_fill,predicted_return,return,solved\n";
   for (const EpisodeRecord& record : state.episodes) {
-    AppendRow({std::to_string(record.episode), Boolean(record.random),
-               CsvField(record.interaction_seconds), std::to_string(record.points),
-               std::to_string(record.evaluations), std::to_string(record.gp_queries),
-               std::to_string(record.diverged), CsvField(record.predicted_return),
-               CsvField(record.real_return), Boolean(record.solved)},
-              &csv);
+    AppendRow(
+        {std::to_string(record.episode), Boolean(record.random),
+         CsvField(record.interaction_seconds), std::to_string(record.points),
+         std::to_string(record.evaluations), std::to_string(record.gp_queries),
+         std::to_string(record.diverged), CsvField(record.lane_fill),
+         CsvField(record.predicted_return), CsvField(record.real_return), Boolean(record.solved)},
+        &csv);
   }
   return csv;
 }
@@ -102,6 +103,7 @@ std::string HyperparametersCsv(const Task& task, const LearnerState& state) {
       }
       append("signal_std", output.unit, parameters.signal_std);
       append("noise_std", output.unit, parameters.noise_std);
+      append("jitter", "1", record.jitter[e]);
     }
   }
   return csv;

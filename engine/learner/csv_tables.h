@@ -20,7 +20,8 @@ std::string TimingCsv(const LearnerState& state);
 // next state (E), reward.
 std::string TransitionsCsv(const Task& task, const LearnerState& state);
 
-// A row an episode, output and hyper-parameter: lengthscales by input, signal_std, noise_std.
+// A row an episode, output and hyper-parameter: lengthscales by input, signal_std, noise_std, and
+// the jitter that the factorisation took, a share of the signal variance (0: none).
 std::string HyperparametersCsv(const Task& task, const LearnerState& state);
 
 }  // namespace downpour

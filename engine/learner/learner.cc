@@ -12,6 +12,7 @@
 #include "engine/errors.h"
 #include "engine/learner/execute.h"
 #include "engine/learner/learner_checks.h"
+#include "engine/learner/platform.h"
 #include "engine/search/search_options.h"
 #include "kernels/philox/philox.h"
 
@@ -67,7 +68,10 @@ std::vector<GpFactor> LearnModel(const Task& task, const LearnerOptions& options
   std::vector<GpFactor> factors;
   for (int e = 0; e < data.n_outputs(); ++e) {
     record->hyperparameters.push_back(fits[e].hyperparameters);
-    factors.push_back(ExactGp(data.inputs, data.targets.col(e), fits[e].hyperparameters).Pack());
+    const ExactGp gp(data.inputs, data.targets.col(e), fits[e].hyperparameters);
+    const double signal_std = fits[e].hyperparameters.signal_std;
+    record->jitter.push_back(gp.jitter() / (signal_std * signal_std));
+    factors.push_back(gp.Pack());
   }
   record->points = data.n_points();
   record->model_seconds = SecondsSince(start);
@@ -94,8 +98,11 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
   record->predicted_return = result.predicted_return;
   record->evaluations = result.evaluations;
   record->runs = std::move(result.runs);
-  record->gp_queries = evaluator.statistics().gp_queries;
-  record->diverged = evaluator.statistics().diverged;
+  const EvaluatorStatistics& statistics = evaluator.statistics();
+  record->gp_queries = statistics.gp_queries;
+  record->diverged = statistics.diverged;
+  record->lane_fill =
+      static_cast<double>(statistics.rollouts) / static_cast<double>(statistics.lanes);
   record->search_seconds = SecondsSince(start);
 }
 
@@ -142,7 +149,8 @@ const EpisodeRecord& Learner::RunEpisode(const Callbacks& callbacks) {
   record.episode = static_cast<int>(state_.episodes.size()) + 1;
   record.random = record.episode <= options_.random_episodes;
   record.interaction_seconds = record.episode * task_.horizon * task_.control_period;
-  record.predicted_return = std::numeric_limits<double>::quiet_NaN();
+  record.predicted_return = record.lane_fill = std::numeric_limits<double>::quiet_NaN();
+  record.platform = CurrentPlatform();
   if (!record.random) {
     BeginPhase(callbacks, "model");
     const std::vector<GpFactor> factors = LearnModel(task_, options_, state_, &record);

@@ -17,8 +17,8 @@
 namespace downpour {
 
 struct LearnerOptions {
-  int episodes = 15;        // random ones included; [1, 1000]
-  int random_episodes = 1;  // [1, 1000]
+  int episodes = 15;        // random ones included; [2, 1000]
+  int random_episodes = 1;  // [1, 999], less than episodes
   bool until_solved = false;
   int hidden_units = 10;  // of the neural-network policy; [1, 256]
   std::uint64_t seed = 0;
@@ -40,6 +40,13 @@ struct Transition {
   double reward = 0;                     // of next_state
 };
 
+// What bits depend on besides task and options: the instruction set that our kernels run on
+// (SimdTargetName) and the kernel family of OpenBLAS (BlasCoreName).
+struct Platform {
+  std::string simd_target;
+  std::string blas_core;
+};
+
 struct EpisodeRecord {
   int episode = 0;  // from 1
   bool random = false;
@@ -50,12 +57,18 @@ struct EpisodeRecord {
   std::int64_t evaluations = 0;
   std::int64_t gp_queries = 0;
   std::int64_t diverged = 0;
+  // Rollouts / lanes of the tiles they were packed in, (0, 1]; NaN for a random episode.
+  double lane_fill = 0;
   double predicted_return = 0;  // NaN for a random episode
   double real_return = 0;
   bool solved = false;
   std::vector<double> policy;                    // (P), empty for a random episode
   std::vector<Hyperparameters> hyperparameters;  // (E), empty for a random episode
+  // (E) added to the diagonal of K, in units of signal_std^2; mostly 0 (gp_model.h); empty for a
+  // random episode.
+  std::vector<double> jitter;
   std::vector<RunRecord> runs;
+  Platform platform;
 };
 
 // All that the next episode depends on; what a checkpoint holds.
@@ -65,7 +78,9 @@ struct LearnerState {
 };
 
 // The Black-DROPS loop (paper Alg. 1). An episode depends only on (task, options except threads,
-// state), so a run that stops between episodes and goes on ends with the same bits.
+// state, platform), so a run that stops between episodes and goes on ends with the same bits if two
+// conditions hold: all episodes run on one SIMD target and on one kernel family of OpenBLAS.
+// Records tell both; PlatformDifference (platform.h) compares them.
 class Learner {
  public:
   struct Callbacks {

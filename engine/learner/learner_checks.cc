@@ -58,6 +58,7 @@ void CheckEpisode(const std::string& name, const EpisodeRecord& record, const Ta
   CheckEach(name + ".policy", record.policy, record.random ? 0 : n_parameters, CheckFinite);
   CheckSize(name + ".hyperparameters", record.hyperparameters.size(),
             record.random ? 0 : task.n_states());
+  CheckEach(name + ".jitter", record.jitter, record.random ? 0 : task.n_states(), CheckNotNegative);
   for (std::size_t e = 0; e < record.hyperparameters.size(); ++e) {
     const std::string output = name + ".hyperparameters[" + std::to_string(e) + "]";
     const Hyperparameters& parameters = record.hyperparameters[e];
@@ -78,8 +79,12 @@ void CheckTransition(const std::string& name, const Transition& transition, cons
 }  // namespace
 
 void CheckOptions(const LearnerOptions& options) {
-  CheckRange("learn.episodes", options.episodes, 1, 1000);
-  CheckRange("learn.random_episodes", options.random_episodes, 1, 1000);
+  CheckRange("learn.episodes", options.episodes, 2, 1000);
+  CheckRange("learn.random_episodes", options.random_episodes, 1, 999);
+  if (options.random_episodes >= options.episodes) {
+    throw InvalidInput("learn.random_episodes = " + std::to_string(options.random_episodes) +
+                       ": must be less than learn.episodes = " + std::to_string(options.episodes));
+  }
   CheckRange("policy.hidden_units", options.hidden_units, 1, 256);
   CheckRange("learn.threads", options.threads, 0, 1024);
   CheckRange("model.restarts", options.model.restarts, 0, 100);

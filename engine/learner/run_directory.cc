@@ -47,6 +47,7 @@ RunDirectory RunDirectory::Create(const fs::path& path, const std::string& confi
   }
   fs::create_directories(path, error);
   if (error) throw FileError(path.string() + ": cannot create: " + error.message());
+  DirectoryLock lock(path);
   const bool empty = IsEmpty(path, &error);
   if (error) throw FileError(path.string() + ": cannot read: " + error.message());
   if (!empty) {
@@ -54,7 +55,7 @@ RunDirectory RunDirectory::Create(const fs::path& path, const std::string& confi
                        " to go on with the run in it, or another --out");
   }
   WriteFileAtomically(path / kConfig, config_toml);
-  return RunDirectory(path);
+  return RunDirectory(path, std::move(lock));
 }
 
 RunDirectory RunDirectory::Open(const fs::path& path) {
@@ -62,7 +63,13 @@ RunDirectory RunDirectory::Open(const fs::path& path) {
   if (!fs::is_regular_file(path / kConfig, error)) {
     throw InvalidInput(path.string() + ": no run here: must be a directory with a " + kConfig);
   }
-  return RunDirectory(path);
+  return RunDirectory(path, std::nullopt);
+}
+
+RunDirectory RunDirectory::OpenForWriting(const fs::path& path) {
+  RunDirectory run = Open(path);
+  run.lock_.emplace(path);
+  return run;
 }
 
 std::string RunDirectory::ReadConfig() const { return ReadFile(path_ / kConfig); }

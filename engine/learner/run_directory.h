@@ -2,8 +2,11 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <string>
+#include <utility>
 
+#include "engine/learner/directory_lock.h"
 #include "engine/learner/learner.h"
 
 namespace downpour {
@@ -19,16 +22,21 @@ namespace downpour {
 //   policy.json              the last of them
 //   hyperparameters.csv      one row an episode, output and hyper-parameter
 //   checkpoint.json          the state (checkpoint.h), written last: what it holds is kept
-// Not thread-safe; one process a directory.
+// Not thread-safe. One process at a time writes a directory, others may read it.
 class RunDirectory {
  public:
-  // Makes `path`, parents included, and writes config.toml. Throws InvalidInput if `path` is a
-  // directory with files in it (an existing run is never overwritten) or no directory, FileError if
-  // it cannot be made or written.
+  // Makes `path`, parents included, takes its lock and writes config.toml. Throws InvalidInput if
+  // `path` is a directory with files in it (an existing run is never overwritten) or no directory,
+  // or if another process holds its lock; FileError if it cannot be made or written.
   static RunDirectory Create(const std::filesystem::path& path, const std::string& config_toml);
 
-  // An existing run. Throws InvalidInput if `path` is no directory with a config.toml.
+  // An existing run, to be read only. Throws InvalidInput if `path` is no directory with a
+  // config.toml.
   static RunDirectory Open(const std::filesystem::path& path);
+
+  // An existing run that this process goes on with: also takes the lock, for as long as the object
+  // lives. Throws as Open does, and InvalidInput if another process holds the lock.
+  static RunDirectory OpenForWriting(const std::filesystem::path& path);
 
   const std::filesystem::path& path() const { return path_; }
 
@@ -41,13 +49,15 @@ class RunDirectory {
 
   // Writes all files for the learner's state, except config.toml and the policies of earlier
   // episodes. To be called after every episode, and once after a resume: a crash between two files
-  // may have left the others one episode ahead of checkpoint.json. Throws FileError; what
-  // checkpoint.json held before is then still there.
+  // may have left the others one episode ahead of checkpoint.json. Not for what Open returned.
+  // Throws FileError; what checkpoint.json held before is then still there.
   void Write(const Learner& learner) const;
 
  private:
-  explicit RunDirectory(std::filesystem::path path) : path_(std::move(path)) {}
+  RunDirectory(std::filesystem::path path, std::optional<DirectoryLock> lock)
+      : path_(std::move(path)), lock_(std::move(lock)) {}
   std::filesystem::path path_;
+  std::optional<DirectoryLock> lock_;
 };
 
 }  // namespace downpour

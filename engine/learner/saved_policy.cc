@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "engine/learner/saved_policy.h"
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "engine/errors.h"
@@ -14,6 +15,22 @@ std::vector<std::string> Names(const std::vector<Variable>& variables) {
   std::vector<std::string> names;
   for (const Variable& variable : variables) names.push_back(variable.name);
   return names;
+}
+
+// The numbers of an array. Throws unless each is finite.
+std::vector<double> FiniteNumbers(const JsonField& field) {
+  for (const JsonField& item : field.Items()) {
+    if (!std::isfinite(item.Number())) item.Fail("finite");
+  }
+  return field.Numbers();
+}
+
+// The same for numbers that must be > 0, too.
+std::vector<double> PositiveNumbers(const JsonField& field) {
+  for (const JsonField& item : field.Items()) {
+    if (!std::isfinite(item.Number()) || item.Number() <= 0) item.Fail("finite and > 0");
+  }
+  return field.Numbers();
 }
 
 }  // namespace
@@ -58,6 +75,7 @@ SavedPolicy ReadPolicy(const std::filesystem::path& path) {
   const nlohmann::json json = ParseJson(ReadFile(path), file);
   const JsonField root(json, file);
   SavedPolicy policy;
+  policy.file = file;
   policy.kind = root["kind"].String();
   if (policy.kind != "nn") root["kind"].Fail("\"nn\"");
   policy.task = root["task"].String();
@@ -65,20 +83,22 @@ SavedPolicy ReadPolicy(const std::filesystem::path& path) {
   policy.episode = root["episode"].Int(1, 1000);
   policy.hidden_units = root["hidden_units"].Int(1, 256);
   policy.features = root["features"].Strings();
-  policy.input_scale = root["input_scale"].Numbers();
+  policy.input_scale = PositiveNumbers(root["input_scale"]);
   policy.actions = root["actions"].Strings();
-  policy.action_limits = root["action_limits"].Numbers();
+  policy.action_limits = PositiveNumbers(root["action_limits"]);
   policy.predicted_return = root["predicted_return"].Number();
   policy.real_return = root["return"].Number();
   policy.solved = root["solved"].Bool();
-  policy.parameters = root["parameters"].Numbers();
+  policy.parameters = FiniteNumbers(root["parameters"]);
   return policy;
 }
 
 std::unique_ptr<Policy> MakePolicy(const SavedPolicy& saved, const Task& task) {
+  const std::string origin =
+      saved.file + (saved.file.empty() ? "" : ": ") + "policy of task " + saved.task;
   const auto check = [&](bool fits, const char* field) {
     if (fits) return;
-    throw InvalidInput("policy of task " + saved.task + ", preset " + saved.preset + ": " + field +
+    throw InvalidInput(origin + ", preset " + saved.preset + ": " + field +
                        " differ from those of task " + task.name + ", preset " + task.preset);
   };
   check(saved.task == task.name && saved.preset == task.preset, "task and preset");
@@ -88,9 +108,8 @@ std::unique_ptr<Policy> MakePolicy(const SavedPolicy& saved, const Task& task) {
   check(saved.action_limits == task.action_limits, "action_limits");
   std::unique_ptr<Policy> policy = MakeNeuralNetworkPolicy(task, saved.hidden_units);
   if (static_cast<int>(saved.parameters.size()) != policy->n_parameters()) {
-    throw InvalidInput("policy of task " + saved.task + ": parameters has " +
-                       std::to_string(saved.parameters.size()) + " entries: must be " +
-                       std::to_string(policy->n_parameters()));
+    throw InvalidInput(origin + ": parameters has " + std::to_string(saved.parameters.size()) +
+                       " entries: must be " + std::to_string(policy->n_parameters()));
   }
   return policy;
 }

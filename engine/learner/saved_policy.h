@@ -12,6 +12,7 @@ namespace downpour {
 
 // A learnt policy as policy.json holds it: all that running it takes.
 struct SavedPolicy {
+  std::string file;  // it was read from; for messages only
   std::string kind;  // "nn": u = limit tanh(W1 tanh(W0 (features / input_scale) + b0) + b1)
   std::string task;
   std::string preset;
@@ -35,11 +36,12 @@ SavedPolicy MakeSavedPolicy(const Task& task, const LearnerOptions& options, con
 std::string FormatPolicy(const SavedPolicy& policy);
 
 // Reads a policy file. Throws FileError, or InvalidInput with the file, the field and what is
-// allowed.
+// allowed: parameters finite, input_scale and action_limits also > 0.
 SavedPolicy ReadPolicy(const std::filesystem::path& path);
 
 // The policy function for `saved.parameters`. Throws InvalidInput if `saved` does not fit the task:
-// its name, features, input scale, action limits or number of parameters.
+// its name, features, input scale, action limits or number of parameters; the message names the
+// file that `saved` came from.
 std::unique_ptr<Policy> MakePolicy(const SavedPolicy& saved, const Task& task);
 
 }  // namespace downpour

@@ -63,6 +63,9 @@ struct Task {
   // True if `states` (rows of E noise-free states at t = 0, 1, ..., horizon) solve the task.
   std::function<bool(std::span<const double> states)> solved;
   std::string solved_description;
+  // Digest of the text of the model that make_system simulates; "" for a system that is no model
+  // file. A run is resumed only with the digest it was made with.
+  std::string model_digest;
   // A new simulator of the real system. Throws InvalidInput if the MJCF cannot be used.
   std::function<std::unique_ptr<System>()> make_system;
 

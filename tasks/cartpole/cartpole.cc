@@ -4,6 +4,7 @@
 #include <string>
 
 #include "engine/rollout/task.h"
+#include "tasks/model_digest.h"
 #include "tasks/mujoco_system.h"
 #include "tasks/solved.h"
 
@@ -93,9 +94,9 @@ Task Make(const std::string& preset, const std::string& mjcf_file) {
   task.solved_description =
       "pole within 10 degrees of upright and cart within 0.1 m of the middle throughout the last "
       "second";
-  task.make_system = [spec = SystemSpec(mjcf_file, task.control_period)] {
-    return MakeMujocoSystem(spec);
-  };
+  const MujocoSystemSpec spec = SystemSpec(mjcf_file, task.control_period);
+  task.model_digest = ModelDigest(spec);
+  task.make_system = [spec] { return MakeMujocoSystem(spec); };
   return task;
 }
 

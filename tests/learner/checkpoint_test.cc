@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <nlohmann/json.hpp>
 
+#include "engine/learner/platform.h"
 #include "tests/learner/test_run.h"
 
 namespace downpour {
@@ -88,8 +89,8 @@ TEST_CASE("checkpoint: no flipped byte goes unnoticed") {
 
 TEST_CASE("checkpoint: a later version is refused by its number") {
   std::string text = Text();
-  text.replace(text.find("\"version\":1"), 11, "\"version\":2");
-  CHECK(ParseError(text) == "run/checkpoint.json: version 2, this program reads 1");
+  text.replace(text.find("\"version\":2"), 11, "\"version\":3");
+  CHECK(ParseError(text) == "run/checkpoint.json: version 3, this program reads 2");
 }
 
 TEST_CASE("checkpoint: another file is refused") {
@@ -139,6 +140,7 @@ TEST_CASE("checkpoint: wrong sizes and impossible values are named") {
         at + "episodes[1].hyperparameters[0].lengthscales[1] = 0: must be finite and > 0");
   CHECK(error("/transitions/0/reward", "nan") ==
         at + "transitions[0].reward = nan: must be finite");
+  CHECK(error("/episodes/1/jitter", {0}) == at + "episodes[1].jitter has 1 entries: must be 2");
   CHECK(error("/episodes/1/episode", 3) == at + "episodes[1].episode = 3: must be 2");
   CHECK(error("/transitions/6/step", 4) == at + "transitions[6].step = 4: must be 1");
   CHECK(ParseError(TextWith([](Json& p) { p["transitions"].erase(9); })) ==
@@ -165,12 +167,32 @@ TEST_CASE("checkpoint: settings that results depend on must be the run's own") {
                  "preset = \"paper\""));
   CHECK(Contains(error([](Task& t, LearnerOptions&) { t.reward.width = 0.25; }),
                  "task.reward.width = 0.5"));
+  CHECK(error([](Task& t, LearnerOptions&) { t.model_digest = "other"; }) ==
+        "c.json: the run was made with task.model_digest = \"one\", the configuration says "
+        "\"other\": must be equal to resume");
   // A run may go on for longer and on other threads.
   CHECK(error([](Task&, LearnerOptions& o) {
           o.episodes = 40;
           o.until_solved = true;
           o.threads = 3;
         }) == "");
+}
+
+TEST_CASE("platform: the first episode of another SIMD target or OpenBLAS kernel is named") {
+  LearnerState state = Parse(Text());
+  const std::string start =
+      "results will not be bit-identical to those of an uninterrupted run, because episode ";
+  CHECK(
+      PlatformDifference(state, {"AVX3", "SkylakeX"}) ==
+      start +
+          "2 was made with SIMD target AVX2, now AVX3 and OpenBLAS kernels Haswell, now SkylakeX");
+  CHECK(PlatformDifference(state, {"AVX2", "SkylakeX"}) ==
+        start + "1 was made with SIMD target AVX3, now AVX2");
+  state.episodes[1].platform = {"AVX3", "SkylakeX"};
+  CHECK(PlatformDifference(state, {"AVX3", "SkylakeX"}) == "");
+  CHECK(PlatformDifference(state, {"AVX3", "Haswell"}) ==
+        start + "1 was made with OpenBLAS kernels SkylakeX, now Haswell");
+  CHECK(PlatformDifference({}, {"AVX3", "SkylakeX"}) == "");
 }
 
 }  // namespace

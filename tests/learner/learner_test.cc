@@ -9,7 +9,9 @@
 #include <cmath>
 #include <set>
 
+#include "engine/gp/process_settings.h"
 #include "engine/learner/checkpoint.h"
+#include "kernels/fma_peak/fma_peak.h"
 #include "tasks/registry.h"
 #include "tests/learner/test_run.h"
 
@@ -28,9 +30,11 @@ LearnerOptions TinyOptions() {
   return options;
 }
 
-LearnerState Run(const Task& task, const LearnerOptions& options, LearnerState state = {}) {
+// The state after `episodes` of them, or after as many as the options say.
+LearnerState Run(const Task& task, const LearnerOptions& options, LearnerState state = {},
+                 std::size_t episodes = 1000) {
   Learner learner(task, options, std::move(state));
-  while (!learner.done()) learner.RunEpisode({});
+  while (!learner.done() && learner.state().episodes.size() < episodes) learner.RunEpisode({});
   return learner.state();
 }
 
@@ -49,9 +53,7 @@ TEST_CASE(
     const LearnerOptions options = TinyOptions();
     const LearnerState whole = Run(task, options);
     for (const int stop_after : {1, 2}) {
-      LearnerOptions first = options;
-      first.episodes = stop_after;
-      WriteCheckpoint(file, task, options, Run(task, first));
+      WriteCheckpoint(file, task, options, Run(task, options, {}, stop_after));
       const LearnerState resumed = Run(task, options, ReadCheckpoint(file, task, options));
       CHECK(SameBits(resumed, whole));
     }
@@ -75,11 +77,10 @@ TEST_CASE("learner: states have the same bits on 1, 2 and 5 threads") {
 TEST_CASE("learner: another seed gives another run, seed 0 is one of them") {
   const Task task = MakeTask("pendulum");
   LearnerOptions options = TinyOptions();
-  options.episodes = 1;
   std::set<double> actions;
   for (const std::uint64_t seed : {0ull, 1ull, 1ull << 32}) {
     options.seed = seed;
-    actions.insert(Run(task, options).transitions[0].action[0]);
+    actions.insert(Run(task, options, {}, 1).transitions[0].action[0]);
   }
   CHECK(actions.size() == 3);
 }
@@ -88,9 +89,8 @@ TEST_CASE("learner: random actions are uniform in the limits") {
   Task task = PointMassTask();
   task.horizon = 4000;
   LearnerOptions options = TinyOptions();
-  options.episodes = 1;
   int counts[8] = {};
-  for (const Transition& transition : Run(task, options).transitions) {
+  for (const Transition& transition : Run(task, options, {}, 1).transitions) {
     const double eighth = (transition.action[0] / task.action_limits[0] + 1) * 4;
     ++counts[std::clamp(static_cast<int>(eighth), 0, 7)];
   }
@@ -121,9 +121,8 @@ TEST_CASE("learner: the search starts from the last policy, the model from its h
 TEST_CASE("learner: the model sees what was observed, never the noise-free states") {
   const Task task = PointMassTask();
   LearnerOptions options = TinyOptions();
-  options.episodes = 1;
-  LearnerState state = Run(task, options);
   options.episodes = 2;
+  LearnerState state = Run(task, options, {}, 1);
   const EpisodeRecord record = Run(task, options, state).episodes[1];
   LearnerState other = state;
   other.transitions[2].next_state[0] += 1;
@@ -168,6 +167,11 @@ TEST_CASE("learner: records tell what the episodes were") {
     CHECK(record.hyperparameters.size() == (i < 2 ? 0 : 2));
     // Rollouts x horizon x outputs.
     CHECK(record.gp_queries == record.evaluations * 5 * 2);
+    CHECK(record.jitter == std::vector<double>(i < 2 ? 0 : 2));
+    CHECK(std::isnan(record.lane_fill) == (i < 2));
+    if (i >= 2) CHECK((record.lane_fill > 0 && record.lane_fill <= 1));
+    CHECK(record.platform.simd_target == SimdTargetName());
+    CHECK(record.platform.blas_core == BlasCoreName());
     double real_return = 0;
     for (int step = 0; step < 5; ++step) real_return += state.transitions[i * 5 + step].reward;
     CHECK(record.real_return == real_return);
@@ -175,6 +179,20 @@ TEST_CASE("learner: records tell what the episodes were") {
       CHECK(std::abs(state.transitions[i * 5 + step].action[0]) <= task.action_limits[0]);
     }
   }
+}
+
+TEST_CASE("learner: a search that never fills a tile says so") {
+  LearnerOptions options = TinyOptions();
+  options.episodes = 2;
+  options.search.population = 2;
+  options.search.concurrent = 1;
+  options.search.exploration = 1;
+  options.search.evaluations = 100;
+  options.search.final_rollouts = 1;
+  const double fill = Run(PointMassTask(), options).episodes[1].lane_fill;
+  // No batch has more rollouts than the final comparison's few.
+  CHECK(fill > 0);
+  CHECK(fill < 0.5);
 }
 
 TEST_CASE("learner: until_solved ends the run at the first solved episode") {
@@ -230,9 +248,16 @@ TEST_CASE("learner: a system that breaks leaves the state as it was") {
 
 TEST_CASE("learner: options out of range are refused by name, value and range") {
   using O = LearnerOptions;
-  CHECK(OptionError([](O& o) { o.episodes = 0; }) == "learn.episodes = 0: must be in [1, 1000]");
+  CHECK(OptionError([](O& o) { o.episodes = 0; }) == "learn.episodes = 0: must be in [2, 1000]");
   CHECK(OptionError([](O& o) { o.random_episodes = 1001; }) ==
-        "learn.random_episodes = 1001: must be in [1, 1000]");
+        "learn.random_episodes = 1001: must be in [1, 999]");
+  for (const int random_episodes : {2, 5}) {
+    CHECK(OptionError([&](O& o) {
+            o.episodes = 2;
+            o.random_episodes = random_episodes;
+          }) == "learn.random_episodes = " + std::to_string(random_episodes) +
+                    ": must be less than learn.episodes = 2");
+  }
   CHECK(OptionError([](O& o) { o.hidden_units = 257; }) ==
         "policy.hidden_units = 257: must be in [1, 256]");
   CHECK(OptionError([](O& o) { o.threads = -1; }) == "learn.threads = -1: must be in [0, 1024]");

@@ -3,6 +3,8 @@
 
 #include <doctest/doctest.h>
 
+#include <nlohmann/json.hpp>
+
 #include "engine/learner/atomic_file.h"
 #include "engine/learner/checkpoint.h"
 #include "engine/learner/saved_policy.h"
@@ -85,9 +87,10 @@ TEST_CASE("run directory: the tables have a header with units and a row an episo
   CHECK(lines("episodes.csv") ==
         std::vector<std::string>{
             "episode,random,interaction_seconds [s],points,evaluations [rollouts],gp_queries,"
-            "diverged [rollouts],predicted_return,return,solved",
-            "1,true,0.5,0,0,0,0,,0,false",
-            "2,false,1,5,9007199254740992,9223372036854775807,3,1.3333333333333333,5e-324,true"});
+            "diverged [rollouts],lane_fill,predicted_return,return,solved",
+            "1,true,0.5,0,0,0,0,,,0,false",
+            "2,false,1,5,9007199254740992,9223372036854775807,3,0.6666666666666666,"
+            "1.3333333333333333,5e-324,true"});
   CHECK(lines("timing.csv") ==
         std::vector<std::string>{
             "episode,model_seconds [s],search_seconds [s],gp_queries_per_second [1/s]", "1,0,0,",
@@ -103,10 +106,12 @@ TEST_CASE("run directory: the tables have a header with units and a row an episo
         "2,0,0,5e-324,-0,0.3333333333333333,1.0000000000000002,1e+308,0,-1e-300,0.1");
   for (const std::string& line : transitions) CHECK(CountFields(line) == 11);
   const std::vector<std::string> hyperparameters = lines("hyperparameters.csv");
-  CHECK(hyperparameters.size() == 1 + 2 * 5);
+  CHECK(hyperparameters.size() == 1 + 2 * 6);
   CHECK(hyperparameters[0] == "episode,output,hyperparameter,unit,value");
   CHECK(hyperparameters[3] == "2,velocity,lengthscale.force,N,0.7");
   CHECK(hyperparameters[5] == "2,velocity,noise_std,m/s,1e-05");
+  CHECK(hyperparameters[6] == "2,velocity,jitter,1,0");
+  CHECK(hyperparameters[12] == "2,\"position, \"\"x\"\"\",jitter,1,1e-10");
 }
 
 TEST_CASE("run directory: the state and the policy come back, and fit only their task") {
@@ -116,18 +121,20 @@ TEST_CASE("run directory: the state and the policy come back, and fit only their
   CHECK(SameBits(run.ReadState(PointMassTask(), PointMassOptions()), PointMassState()));
   CHECK(ReadFile(directory.path() / "policy.json") == ReadFile(directory.path() / "policy_2.json"));
   CHECK_FALSE(fs::exists(directory.path() / "policy_1.json"));
-  SavedPolicy policy = ReadPolicy(directory.path() / "policy.json");
+  const fs::path file = directory.path() / "policy.json";
+  SavedPolicy policy = ReadPolicy(file);
   CHECK(policy.episode == 2);
   CHECK(SameBits(policy.parameters, PointMassState().episodes[1].policy));
   Task task = PointMassTask();
   CHECK(MakePolicy(policy, task)->n_parameters() == 5);
   policy.parameters.pop_back();
   CHECK(ErrorOf<InvalidInput>([&] { MakePolicy(policy, task); }) ==
-        "policy of task point_mass: parameters has 4 entries: must be 5");
+        file.string() + ": policy of task point_mass: parameters has 4 entries: must be 5");
   task.action_limits = {3};
   CHECK(ErrorOf<InvalidInput>([&] { MakePolicy(policy, task); }) ==
-        "policy of task point_mass, preset paper: action_limits differ from those of task "
-        "point_mass, preset paper");
+        file.string() +
+            ": policy of task point_mass, preset paper: action_limits differ from those of task "
+            "point_mass, preset paper");
 }
 
 TEST_CASE("run directory: a random episode leaves no policy") {
@@ -146,11 +153,40 @@ TEST_CASE("run directory: a policy file with a wrong field is refused") {
   const TemporaryDirectory directory;
   RunDirectory::Create(directory.path(), "").Write(PointMassLearner());
   const fs::path file = directory.path() / "policy.json";
-  std::string text = ReadFile(file);
-  text.replace(text.find("\"nn\""), 4, "\"gp\"");
-  WriteFileAtomically(file, text);
-  CHECK(ErrorOf<InvalidInput>([&] { ReadPolicy(file); }) ==
-        file.string() + ": kind = \"gp\": must be \"nn\"");
+  const std::string text = ReadFile(file);
+  const auto error = [&](const char* key, const nlohmann::json& value) {
+    nlohmann::json policy = nlohmann::json::parse(text);
+    policy[nlohmann::json::json_pointer(key)] = value;
+    WriteFileAtomically(file, policy.dump());
+    return ErrorOf<InvalidInput>([&] { ReadPolicy(file); });
+  };
+  const std::string at = file.string() + ": ";
+  CHECK(error("/kind", "gp") == at + "kind = \"gp\": must be \"nn\"");
+  CHECK(error("/parameters/2", "nan") == at + "parameters[2] = \"nan\": must be finite");
+  CHECK(error("/parameters/4", "-inf") == at + "parameters[4] = \"-inf\": must be finite");
+  CHECK(error("/input_scale/0", 0) == at + "input_scale[0] = 0: must be finite and > 0");
+  CHECK(error("/input_scale/1", "nan") == at + "input_scale[1] = \"nan\": must be finite and > 0");
+  CHECK(error("/action_limits/0", "inf") ==
+        at + "action_limits[0] = \"inf\": must be finite and > 0");
+}
+
+TEST_CASE("run directory: one object at a time writes it, any number read it") {
+  const TemporaryDirectory directory;
+  const fs::path path = directory.path() / "run";
+  const std::string refused =
+      path.string() + ": another process is writing this run: wait for its end, or stop it";
+  {
+    const RunDirectory first = RunDirectory::Create(path, "seed = 1\n");
+    CHECK(ErrorOf<InvalidInput>([&] { RunDirectory::OpenForWriting(path); }) == refused);
+    CHECK(ErrorOf<InvalidInput>([&] { RunDirectory::Create(path, ""); }) == refused);
+    CHECK(RunDirectory::Open(path).ReadConfig() == "seed = 1\n");
+  }
+  RunDirectory second = RunDirectory::OpenForWriting(path);
+  const RunDirectory moved = std::move(second);
+  CHECK(ErrorOf<InvalidInput>([&] { RunDirectory::OpenForWriting(path); }) == refused);
+  moved.Write(PointMassLearner());
+  CHECK(SameBits(RunDirectory::Open(path).ReadState(PointMassTask(), PointMassOptions()),
+                 PointMassState()));
 }
 
 TEST_CASE("run directory: a full disk keeps the last checkpoint") {

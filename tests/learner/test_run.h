@@ -66,6 +66,7 @@ inline Task PointMassTask() {
   task.horizon = 5;
   task.reward = {.n_rows = 1, .a = {0, 1}, .b = {1}, .width = 0.5};
   task.solved = [](std::span<const double> states) { return states[states.size() - 1] > 0.9; };
+  task.model_digest = "one";
   task.make_system = [] { return std::make_unique<PointMass>(); };
   return task;
 }
@@ -81,7 +82,10 @@ inline bool SameBits(const EpisodeRecord& a, const EpisodeRecord& b) {
   bool same = a.episode == b.episode && a.random == b.random &&
               SameBits(a.interaction_seconds, b.interaction_seconds) && a.points == b.points &&
               a.evaluations == b.evaluations && a.gp_queries == b.gp_queries &&
-              a.diverged == b.diverged && SameBits(a.predicted_return, b.predicted_return) &&
+              a.diverged == b.diverged && SameBits(a.lane_fill, b.lane_fill) &&
+              SameBits(a.jitter, b.jitter) && a.platform.simd_target == b.platform.simd_target &&
+              a.platform.blas_core == b.platform.blas_core &&
+              SameBits(a.predicted_return, b.predicted_return) &&
               SameBits(a.real_return, b.real_return) && a.solved == b.solved &&
               SameBits(a.policy, b.policy) && a.runs.size() == b.runs.size() &&
               a.hyperparameters.size() == b.hyperparameters.size();
@@ -135,7 +139,8 @@ inline LearnerState PointMassState() {
   random.episode = 1;
   random.random = true;
   random.interaction_seconds = 0.5;
-  random.predicted_return = std::numeric_limits<double>::quiet_NaN();
+  random.predicted_return = random.lane_fill = std::numeric_limits<double>::quiet_NaN();
+  random.platform = {"AVX3", "SkylakeX"};
   EpisodeRecord learnt;
   learnt.episode = 2;
   learnt.interaction_seconds = 1;
@@ -145,11 +150,14 @@ inline LearnerState PointMassState() {
   learnt.evaluations = std::int64_t{1} << 53;
   learnt.gp_queries = std::numeric_limits<std::int64_t>::max();
   learnt.diverged = 3;
+  learnt.lane_fill = 2.0 / 3;
   learnt.predicted_return = 4.0 / 3;
   learnt.real_return = denormal;
   learnt.solved = true;
   learnt.policy = {0.1, 0.2, 0.3, -0.0, denormal};
   learnt.hyperparameters = {{{0.1, 0.2, 0.7}, 1.1, 1e-5}, {{1e-300, 1e300, 3}, 2.2, 0.3}};
+  learnt.jitter = {0, 1e-10};
+  learnt.platform = {"AVX2", "Haswell"};
   learnt.runs.resize(2);
   learnt.runs[0].population = 8;
   learnt.runs[0].initial_sigma = 0.1;

@@ -83,6 +83,34 @@ TEST_CASE("registry: refuses unknown presets, listing what is allowed") {
   }
 }
 
+TEST_CASE("system: the digest tells models apart, by the text in use and the files it names") {
+  const Folder folder;
+  const auto digest = [](const std::string& task, const std::string& file = "") {
+    return MakeTask(task, "paper", file).model_digest;
+  };
+  CHECK(digest("pendulum").size() == 16);
+  CHECK(digest("pendulum") == digest("pendulum"));
+  CHECK(digest("pendulum") != digest("cartpole"));
+  const std::string file = folder.Write(Pendulum(kJoint, kMotor));
+  const std::string first = digest("pendulum", file);
+  CHECK(first.size() == 16);
+  CHECK(first != digest("pendulum"));
+  folder.Write(Pendulum(kJoint, kMotor, R"(timestep="0.01" gravity="0 0 -5")"));
+  CHECK(digest("pendulum", file) != first);
+  folder.Write(Pendulum(kJoint, kMotor));
+  CHECK(digest("pendulum", file) == first);
+  folder.Write("<mujoco><include file = 'part.xml'/></mujoco>");
+  const std::string part = (folder.path() / "part.xml").string();
+  std::ofstream(part) << "<mujoco/>";
+  const std::string included = digest("pendulum", file);
+  std::ofstream(part) << "<mujoco><option gravity='0 0 -5'/></mujoco>";
+  CHECK(digest("pendulum", file) != included);
+  // A file that names itself, and one that is not there.
+  std::ofstream(part) << "<mujoco><include file=\"part.xml\"/></mujoco>";
+  CHECK(digest("pendulum", file).size() == 16);
+  CHECK(digest("pendulum", (folder.path() / "none.xml").string()) == "");
+}
+
 TEST_CASE("system: a model file replaces the built-in one") {
   const Folder folder;
   // Without gravity a pole keeps the speed it has.

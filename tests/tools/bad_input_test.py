@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bad input ends with exit code 2 and one line that says what is allowed, and loses nothing."""
+import json
+import pathlib
 import shutil
 
 from command import TINY, Claims, contents, downpour, learn, scratch_directory
@@ -52,12 +54,12 @@ def command_line():
     refuse("unknown key far from any", ["learn", "pendulum", "--set", "x.y=1"], "x.y", "allowed: ",
            "learn.seed", "rollout.variance")
     for option, key, value, allowed in [
-            ("--episodes", "learn.episodes", "nan", "an integer in [1, 1000]"),
-            ("--episodes", "learn.episodes", "0", "an integer in [1, 1000]"),
-            ("--episodes", "learn.episodes", "2.5", "an integer in [1, 1000]"),
-            ("--episodes", "learn.episodes", "three", "an integer in [1, 1000]"),
-            ("--episodes", "learn.episodes", "", "an integer in [1, 1000]"),
-            ("--random-episodes", "learn.random_episodes", "1001", "an integer in [1, 1000]"),
+            ("--episodes", "learn.episodes", "nan", "an integer in [2, 1000]"),
+            ("--episodes", "learn.episodes", "0", "an integer in [2, 1000]"),
+            ("--episodes", "learn.episodes", "2.5", "an integer in [2, 1000]"),
+            ("--episodes", "learn.episodes", "three", "an integer in [2, 1000]"),
+            ("--episodes", "learn.episodes", "", "an integer in [2, 1000]"),
+            ("--random-episodes", "learn.random_episodes", "1001", "an integer in [1, 999]"),
             ("--seed", "learn.seed", "-1", "an integer in [0, 9223372036854775807]"),
             ("--seed", "learn.seed", "9223372036854775808", "[0, 9223372036854775807]"),
             ("--threads", "learn.threads", "-2", "an integer in [0, 1024]"),
@@ -69,6 +71,9 @@ def command_line():
                f"{key} = {value}: must be ", allowed)
     refuse("a population of one", ["learn", "pendulum", "--population", "1"], "search.population",
            "[2, 100000]")
+    refuse("as many random episodes as episodes",
+           ["learn", "pendulum", "--episodes", "2", "--random-episodes", "2"],
+           "learn.random_episodes = 2: must be less than learn.episodes = 2")
     for option, value, allowed in [("--starts", "0", "[1, 1000000]"), ("--starts", "nan", "integer"),
                                    ("--start-std", "nan", "[0, 1000]"),
                                    ("--start-std", "-0.1", "[0, 1000]"),
@@ -89,7 +94,11 @@ def config_files():
     refuse_text("TOML syntax error, with its line", "[search]\nrollouts = = 3\n", ":2:")
     refuse_text("unknown key, with its line", "\n[search]\nrollout = 3\n", ":3: ",
                 "search.rollout;", "did you mean search.rollouts?")
-    refuse_text("a table for a value", "[learn.seed]\nx = 1\n", ":2: ", "learn.seed.x")
+    refuse_text("a table for a value", "[learn.seed]\nx = 1\n", ":1: ", "unknown table learn.seed")
+    refuse_text("an unknown table, though empty", "\n[serch]\n", ":2: ", "unknown table serch; ",
+                "did you mean search?")
+    refuse_text("an empty table far from any", "[x]\n", ":1: ", "unknown table x; ",
+                "allowed: learn, policy, model, search, rollout, output")
     for line, allowed in [("bound = nan", "a number in (0, 1000000]"),
                           ("bound = inf", "a number in (0, 1000000]"),
                           ("bound = 0.0", "a number in (0, 1000000]"),
@@ -134,7 +143,7 @@ def checkpoints():
             ("truncated", original[:middle], "truncated"),
             ("empty", "", "JSON"),
             ("corrupted", flipped, "checksum"),
-            ("future", original.replace('"version":1', '"version":99'), "99")]:
+            ("future", original.replace('"version":2', '"version":99'), "99")]:
         damaged = copy_of_run(name)
         (damaged / "checkpoint.json").write_text(text)
         refuse(f"checkpoint: {name}", ["learn", "--resume", damaged, "--episodes", "5"],
@@ -152,6 +161,16 @@ def checkpoints():
     policy = (damaged / "policy.json").read_text()
     (damaged / "policy.json").write_text(policy[:len(policy) // 2])
     refuse("evaluate: truncated policy", ["evaluate", damaged], "policy.json", kept=damaged)
+    changed = json.loads(policy)
+    changed["parameters"][3] = "nan"
+    (damaged / "policy.json").write_text(json.dumps(changed))
+    refuse("evaluate: a policy with a NaN", ["evaluate", damaged], "policy.json: parameters[3]",
+           "finite", kept=damaged)
+    changed = json.loads(policy)
+    changed["action_limits"] = [7]
+    (damaged / "policy.json").write_text(json.dumps(changed))
+    refuse("evaluate: a policy of other limits", ["evaluate", damaged], "policy.json: policy of",
+           "action_limits", kept=damaged)
 
 
 def mjcf_files():
@@ -161,6 +180,17 @@ def mjcf_files():
                         ("without joints", "<mujoco><worldbody/></mujoco>"), ("empty", "")]:
         model.write_text(text)
         refuse(f"MJCF: {claim}", ["learn", "pendulum", "--mjcf", model], str(model))
+    own = (pathlib.Path(__file__).parents[2] / "tasks/pendulum/pendulum.xml").read_text()
+    model.write_text(own)
+    learn(scratch / "model", "--mjcf", model)
+    model.write_text(own.replace("-9.82", "-5"))
+    refuse("MJCF: changed since the run began", ["learn", "--resume", scratch / "model",
+                                                 "--episodes", "5"],
+           "checkpoint.json", "task.model_digest", kept=scratch / "model")
+    model.write_text(own)
+    resumed = downpour("learn", "--resume", scratch / "model", "--episodes", "5", "--quiet")
+    claims.check("MJCF: put back, the run goes on",
+                 resumed.returncode == 0 and resumed.stderr == "", resumed)
     model.unlink()
 
 

@@ -2,8 +2,13 @@
 """What the command prints and writes can be read by other programs."""
 import csv
 import json
+import os
+import pathlib
+import re
+import shutil
+import subprocess
 
-from command import TINY, Claims, downpour, learn, results, scratch_directory
+from command import PROGRAM, TINY, Claims, downpour, learn, results, scratch_directory
 
 KEYS = ["episode", "interaction_seconds", "points", "model_seconds", "search_seconds",
         "evaluations", "gp_queries", "predicted_return", "return", "solved"]
@@ -38,6 +43,8 @@ def plain_output():
     claims.check("the table has a header and one line an episode",
                  len(lines) == 5 and lines[0].split()[0] == "episode" and
                  [line.split()[0] for line in lines[1:]] == ["1", "2", "3", "4"], result.stdout)
+    claims.check("the table's lines are of one width, 100 columns at most",
+                 len({len(line) for line in lines}) == 1 and len(lines[0]) <= 100, result.stdout)
     claims.check("no control characters when the output is no terminal",
                  all(c.isprintable() or c == "\n" for c in result.stdout + result.stderr))
     claims.check("the last line says how it ended and where the files are",
@@ -55,11 +62,12 @@ def run_directory():
         with open(run / name, newline="") as file:
             return list(csv.reader(file))
 
-    for name, rows, columns in [("episodes.csv", 4, ["episode", "predicted_return", "solved"]),
+    for name, rows, columns in [("episodes.csv", 4, ["episode", "lane_fill", "predicted_return",
+                                                     "solved"]),
                                 ("timing.csv", 4, ["episode", "search_seconds [s]"]),
                                 ("transitions.csv", 160, ["time [s]", "action.torque [N m]",
                                                           "observation.angle [rad]"]),
-                                ("hyperparameters.csv", 3 * 2 * 6, ["output", "unit", "value"])]:
+                                ("hyperparameters.csv", 3 * 2 * 7, ["output", "unit", "value"])]:
         header, *body = table(name)
         claims.check(f"{name}: names and units in the header, {rows} rows as wide as it",
                      all(c in header for c in columns) and len(body) == rows and
@@ -81,11 +89,11 @@ def configuration():
     file.write_text("task = 'pendulum'\n[learn]\nseed = 5\nepisodes = 3\nthreads = 1\n"
                     "[search]\nrollouts = 3\nevaluations = 1e3\n")
     downpour("learn", "--config", file, "--set", "learn.seed=6", "--set", "learn.episodes=2",
-             "--episodes", "1", "--out", scratch / "order", "--quiet")
+             "--episodes", "4", "--out", scratch / "order", "--quiet")
     text = (scratch / "order" / "config.toml").read_text()
     claims.check("options override --set, which overrides --config, which overrides the task's own",
                  all(f"\n{line}\n" in text for line in
-                     ("episodes = 1", "seed = 6", "rollouts = 3", "evaluations = 1000")), text)
+                     ("episodes = 4", "seed = 6", "rollouts = 3", "evaluations = 1000")), text)
     learn(scratch / "seed0", "--seed", "0")
     learn(scratch / "seed1", "--seed", "1")
     claims.check("seed 0 is the default seed, seed 1 another",
@@ -95,10 +103,27 @@ def configuration():
 
 def default_directories():
     for _ in range(3):
-        downpour("learn", "pendulum", "--quiet", "--episodes", "1", cwd=scratch)
+        downpour("learn", "pendulum", "--quiet", *TINY, cwd=scratch)
     names = sorted(path.name for path in (scratch / "runs").iterdir())
     claims.check("a run without --out gets a directory of its own",
                  names == ["pendulum-seed0", "pendulum-seed0-2", "pendulum-seed0-3"], names)
+
+
+def diverged_starts():
+    """A pole that a damper of the wrong sign drives."""
+    own = (pathlib.Path(__file__).parents[2] / "tasks/pendulum/pendulum.xml").read_text()
+    model = scratch / "model.xml"
+    model.write_text(own)
+    learn(scratch / "driven", "--mjcf", model)
+    model.write_text(re.sub('damping="[^"]*"', 'damping="-100"', own))
+    result = downpour("evaluate", scratch / "driven", "--starts", "3", "--json")
+    claims.check("evaluate: starts that diverge count as a return of 0 and not solved",
+                 result.returncode == 0 and
+                 [json.loads(result.stdout)[key] for key in ("mean", "solved_share", "diverged")] ==
+                 [0, 0, 3], result)
+    result = downpour("evaluate", scratch / "driven", "--starts", "3")
+    claims.check("evaluate: says how many starts diverged",
+                 "diverged 3 of 3" in result.stdout.splitlines()[-1], result)
 
 
 def other_commands():
@@ -112,6 +137,15 @@ def other_commands():
     episode = list(csv.DictReader(open(run / "episodes.csv")))[-1]
     claims.check("evaluate without noise gives the return of the run itself",
                  json.loads(exact.stdout)["mean"] == float(episode["return"]), exact.stdout)
+    strange = shutil.copytree(run, os.fsdecode(os.fsencode(scratch) + b"/\xff"))
+    result = subprocess.run([PROGRAM, "evaluate", strange, "--starts", "1", "--json"],
+                            capture_output=True)
+    claims.check("evaluate --json: a path that is not UTF-8 gives valid JSON",
+                 result.returncode == 0 and
+                 json.loads(result.stdout.decode())["run"].endswith("/\ufffd"), result)
+    help_text = downpour("learn", "--help").stdout
+    claims.check("learn --help: --no-variance says what it does",
+                 "Use means only (the paper's No Var)." in " ".join(help_text.split()), help_text)
     listing = downpour("tasks").stdout
     claims.check("tasks: every task with its units",
                  all(word in listing for word in ("pendulum", "cartpole", "[rad/s]", "[N m]")))
@@ -130,5 +164,6 @@ plain_output()
 run_directory()
 configuration()
 default_directories()
+diverged_starts()
 other_commands()
 claims.exit()

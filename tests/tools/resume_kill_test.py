@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A run that is killed or interrupted, however often, ends with the bits of one that is not."""
+import json
+import os
 import random
 import signal
 import subprocess
@@ -76,7 +78,8 @@ def interrupt(number):
     process.send_signal(number)
     output, error = process.communicate()
     last = error.splitlines()[-1]
-    claims.check(f"{name}: exit code 130", process.returncode == 130, process.returncode)
+    claims.check(f"{name}: exit code {128 + number}", process.returncode == 128 + number,
+                 process.returncode)
     claims.check(f"{name}: says what is kept and how to go on",
                  last == f"downpour: interrupted; episodes 1 to 2 are kept in {run}; "
                  f"go on with: downpour learn --resume {run}", error)
@@ -111,7 +114,45 @@ def more_episodes():
                  again)
 
 
+def one_writer():
+    run = scratch / "locked"
+    options = ["--episodes", "3", "--evaluations", "200000", "--threads", "2"]
+    process = subprocess.Popen([PROGRAM, "learn", "pendulum", "--out", run, *options],
+                               stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    for line in process.stderr:
+        if line.startswith("episode 3: search"):
+            break
+    second = downpour("learn", "--resume", run)
+    claims.check("a second process is refused in one line", second.returncode == 2 and
+                 second.stderr == f"downpour: {run}: another process is writing this run: wait for "
+                 "its end, or stop it\n", second)
+    claims.check("a run that is being written can be evaluated",
+                 downpour("evaluate", run, "--starts", "1").returncode == 0)
+    process.kill()
+    process.communicate()
+    claims.check("once the first one is killed, the run goes on",
+                 downpour("learn", "--resume", run, "--quiet").returncode == 0)
+
+
+def other_kernels():
+    """A run that goes on with other OpenBLAS kernels than it began with."""
+    run = scratch / "kernels"
+    learn(run)
+    core = json.loads((run / "checkpoint.json").read_text())["payload"]["episodes"][0]["blas_core"]
+    other = "Nehalem" if core == "Haswell" else "Haswell"
+    environment = dict(os.environ, OPENBLAS_CORETYPE=other)
+    for episodes in ("5", "6"):  # the second time, too: the first episodes stay what they are
+        result = downpour("learn", "--resume", run, "--episodes", episodes, "--quiet",
+                          env=environment)
+        claims.check(f"other OpenBLAS kernels, episode {episodes}: one line says that bits differ",
+                     result.returncode == 0 and len(result.stderr.splitlines()) == 1 and
+                     "not be bit-identical" in result.stderr and
+                     f"OpenBLAS kernels {core}, now {other}" in result.stderr, result)
+
+
 random_kills()
+one_writer()
+other_kernels()
 interrupt(signal.SIGINT)
 interrupt(signal.SIGTERM)
 more_episodes()

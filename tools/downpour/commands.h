@@ -3,13 +3,19 @@
 
 #include <CLI/App.hpp>
 #include <stdexcept>
+#include <string>
 
 namespace downpour {
 
-// A learning run ended by Ctrl-C. what() says what was kept and how to go on.
+// A learning run ended by a signal, SIGINT (Ctrl-C) or SIGTERM. what() says what was kept and how
+// to go on.
 class RunInterrupted : public std::runtime_error {
  public:
-  using std::runtime_error::runtime_error;
+  RunInterrupted(const std::string& what, int signal) : std::runtime_error(what), signal_(signal) {}
+  int signal() const { return signal_; }
+
+ private:
+  int signal_;
 };
 
 // Each adds one subcommand, which runs while the command line is parsed and throws the exceptions

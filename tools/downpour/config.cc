@@ -43,16 +43,29 @@ Setting FromNode(const std::string& origin, const std::string& key, const toml::
   return setting;
 }
 
+// Throws InvalidInput unless some key is in the table.
+void CheckTable(const std::vector<Field>& fields, const std::string& origin,
+                const std::string& name) {
+  std::vector<std::string> tables;
+  for (const Field& field : fields) {
+    if (field.key.starts_with(name + ".")) return;
+    const std::string table = field.key.substr(0, field.key.find('.'));
+    if (table != field.key && (tables.empty() || tables.back() != table)) tables.push_back(table);
+  }
+  throw InvalidInput(fmt::format("{}: unknown table {}; {}", origin, name, Suggest(name, tables)));
+}
+
 // Walks the tables of a file; a key of a table in a table is "outer.inner".
 void Flatten(const std::vector<Field>& fields, const std::string& path, const std::string& prefix,
              const toml::table& table, std::vector<Setting>* settings) {
   for (const auto& [name, node] : table) {
     const std::string key = prefix + std::string(name.str());
+    const std::string origin = fmt::format("{}:{}", path, node.source().begin.line);
     if (const toml::table* inner = node.as_table()) {
+      CheckTable(fields, origin, key);
       Flatten(fields, path, key + ".", *inner, settings);
       continue;
     }
-    const std::string origin = fmt::format("{}:{}", path, node.source().begin.line);
     FindField(fields, origin, key);
     settings->push_back(FromNode(origin, key, node));
   }

@@ -36,6 +36,7 @@ struct Field {
   bool above_min = false;                 // min itself is not allowed
   std::vector<std::string> choices = {};  // strings (empty: any) and enums (in their order)
   std::string description;                // one sentence
+  std::string option_help = {};           // of the option, where the description is not
   bool saved = true;                      // part of a run's config.toml
 };
 
@@ -58,7 +59,7 @@ struct Setting {
 };
 
 // All keys of a TOML file. Throws FileError if it cannot be read, InvalidInput with file and line
-// for a syntax error or an unknown key.
+// for a syntax error or an unknown key or table.
 std::vector<Setting> ReadConfigFile(const std::string& path);
 
 // `text` for `field`, read as a TOML value where the field is no string.

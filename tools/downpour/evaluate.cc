@@ -63,6 +63,7 @@ std::vector<Field> EvaluateFields(EvaluateArguments& arguments) {
 struct Evaluation {
   std::vector<double> returns;  // (starts) sorted
   int n_solved = 0;
+  int n_diverged = 0;  // starts whose simulation broke: return 0, not solved
 };
 
 // Quantile of sorted values, linear between neighbours (NumPy's default).
@@ -87,10 +88,15 @@ Evaluation RunStarts(Task task, const SavedPolicy& saved, const EvaluateArgument
   Evaluation evaluation;
   for (int i = 0; i < arguments.starts; ++i) {
     const auto start = static_cast<std::uint32_t>(i);
-    const Execution execution =
-        ExecuteEpisode(task, *system, saved.episode,
-                       DeriveKey(arguments.seed, StreamPurpose::kEvaluate, {start, 0}),
-                       DeriveKey(arguments.seed, StreamPurpose::kEvaluate, {start, 1}), controller);
+    Execution execution;
+    try {
+      execution = ExecuteEpisode(task, *system, saved.episode,
+                                 DeriveKey(arguments.seed, StreamPurpose::kEvaluate, {start, 0}),
+                                 DeriveKey(arguments.seed, StreamPurpose::kEvaluate, {start, 1}),
+                                 controller);
+    } catch (const InvalidInput&) {  // a number that is not finite
+      ++evaluation.n_diverged;
+    }
     evaluation.returns.push_back(execution.real_return);
     evaluation.n_solved += execution.solved ? 1 : 0;
   }
@@ -116,7 +122,9 @@ void Print(const EvaluateArguments& arguments, const SavedPolicy& saved, const E
     line["quartile_3"] = Quantile(returns, 0.75);
     line["maximum"] = returns.back();
     line["solved_share"] = share;
-    fmt::print("{}\n", line.dump());
+    line["diverged"] = result.n_diverged;
+    // A path need not be UTF-8.
+    fmt::print("{}\n", line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
     return;
   }
   fmt::print("{}, policy of episode {}, {} starts with std {} (seed {})\n", saved.task,
@@ -125,6 +133,9 @@ void Print(const EvaluateArguments& arguments, const SavedPolicy& saved, const E
              Mean(returns), Quantile(returns, 0.25), Quantile(returns, 0.5),
              Quantile(returns, 0.75), returns.front(), returns.back());
   fmt::print("solved   {} of {} ({:.0f} %)\n", result.n_solved, arguments.starts, 100 * share);
+  if (result.n_diverged == 0) return;
+  fmt::print("diverged {} of {}, each counted as a return of 0 and not solved\n", result.n_diverged,
+             arguments.starts);
 }
 
 void Evaluate(const EvaluateArguments& arguments) {

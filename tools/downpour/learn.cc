@@ -17,6 +17,7 @@
 
 #include "engine/errors.h"
 #include "engine/learner/atomic_file.h"
+#include "engine/learner/platform.h"
 #include "engine/learner/run_directory.h"
 #include "tools/downpour/commands.h"
 #include "tools/downpour/config.h"
@@ -25,11 +26,15 @@
 namespace downpour {
 namespace {
 
-// A signal handler reaches nothing but a global; lock-free, so that it may write it.
+// A signal handler reaches nothing but globals; lock-free, so that it may write them.
 std::atomic<bool> stop_requested{false};
-static_assert(std::atomic<bool>::is_always_lock_free);
+std::atomic<int> stop_signal{0};
+static_assert(std::atomic<bool>::is_always_lock_free && std::atomic<int>::is_always_lock_free);
 
-void RequestStop(int) { stop_requested = true; }
+void RequestStop(int signal) {
+  stop_signal = signal;
+  stop_requested = true;
+}
 
 // The first Ctrl-C asks for a clean end; a second one ends at once.
 void InstallStopHandler() {
@@ -125,10 +130,17 @@ void CheckResumeSettings(const LearnArguments& arguments, const std::vector<Sett
   }
 }
 
+// Said with --quiet, too: no file of the run tells it in words.
+void WarnOfMixedBits(const Learner& learner) {
+  const std::string difference = PlatformDifference(learner.state(), CurrentPlatform());
+  if (learner.done() || difference.empty()) return;
+  fmt::print(stderr, "downpour: warning: {}\n", difference);
+}
+
 OpenRun ResumedRun(const LearnArguments& arguments) {
   const std::vector<Setting> given = CommandLineSettings(arguments);
   CheckResumeSettings(arguments, given);
-  RunDirectory directory = RunDirectory::Open(arguments.resume);
+  RunDirectory directory = RunDirectory::OpenForWriting(arguments.resume);
   const std::filesystem::path config_file = directory.path() / "config.toml";
   std::vector<Setting> settings = ReadConfigFile(config_file.string());
   const std::string saved_task = ResolveConfig(settings).config.task;
@@ -145,6 +157,7 @@ OpenRun ResumedRun(const LearnArguments& arguments) {
                                    (directory.path() / "checkpoint.json").string()));
   }
   Learner learner(run.task, run.config.learner, std::move(state));
+  WarnOfMixedBits(learner);
   // The run's settings are from now on the ones it goes on with.
   if (!given.empty()) WriteFileAtomically(config_file, WriteConfig(run.config));
   directory.Write(learner);
@@ -173,7 +186,7 @@ void RunToTheEnd(OpenRun* run) {
   while (!learner.done()) {
     const EpisodeRecord& record = learner.RunEpisode(callbacks);
     run->directory.Write(learner);
-    progress.Episode(record);
+    progress.Episode(learner.task(), record);
   }
   progress.Finish(learner, directory);
 }
@@ -184,7 +197,8 @@ void Learn(const LearnArguments& arguments) {
   try {
     RunToTheEnd(&run);
   } catch (const Interrupted&) {
-    throw RunInterrupted("interrupted; " + KeptMessage(run.learner.state(), directory));
+    throw RunInterrupted("interrupted; " + KeptMessage(run.learner.state(), directory),
+                         stop_signal);
   } catch (const FileError& error) {
     // The episode that could not be written is not among those kept.
     const LearnerState kept = run.directory.ReadState(run.learner.task(), run.config.learner);
@@ -208,7 +222,8 @@ void AddLearnCommand(CLI::App* app) {
   RunConfig defaults;
   for (const Field& field : ConfigFields(defaults)) {
     if (field.option.empty()) continue;
-    const std::string help = fmt::format("{} [{}]", field.description, field.key);
+    const std::string help = fmt::format(
+        "{} [{}]", field.option_help.empty() ? field.description : field.option_help, field.key);
     OptionValue& value = arguments->options[field.key];
     if (std::holds_alternative<bool*>(field.target)) {
       value.option = command->add_flag(field.option, value.flag, help);
@@ -223,8 +238,9 @@ void AddLearnCommand(CLI::App* app) {
   command->footer(
       "Settings: the task's own, then --config, then --set, then the options; the key of an\n"
       "option is in brackets. config.toml in the run directory holds all of them, described.\n"
-      "A run ends with the same results however often it is stopped and resumed; --resume takes\n"
-      "only --episodes, --threads, --until-solved, --quiet and --json besides.");
+      "A run ends with the same results however often it is stopped and resumed on one machine\n"
+      "(it warns if the SIMD target or the OpenBLAS kernels differ); --resume takes only\n"
+      "--episodes, --threads, --until-solved, --quiet and --json besides.");
   command->callback([arguments] { Learn(*arguments); });
 }
 

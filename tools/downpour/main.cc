@@ -21,7 +21,7 @@ namespace {
 
 constexpr int kBadInput = 2;
 constexpr int kOtherFailure = 1;
-constexpr int kInterrupted = 130;  // 128 + SIGINT, as shells have it
+constexpr int kSignalled = 128;  // + the signal, as shells have it: 130 SIGINT, 143 SIGTERM
 
 int Fail(std::string message, int exit_code) {
   while (!message.empty() && message.back() == '\n') message.pop_back();
@@ -73,7 +73,8 @@ int Run(int argc, char** argv) {
       "Examples:\n"
       "  downpour learn cartpole                    learn, into runs/cartpole-seed0\n"
       "  downpour evaluate runs/cartpole-seed0      try the learnt policy from 100 noisy starts\n"
-      "Exit codes: 0 fine, 2 bad input, 130 interrupted, 1 any other failure.");
+      "Exit codes: 0 fine, 2 bad input, 130 interrupted (Ctrl-C), 143 terminated, 1 any other "
+      "failure.");
   try {
     app.parse(argc, argv);
     if (std::fflush(stdout) != 0) throw FileError("standard output: cannot write");
@@ -83,7 +84,7 @@ int Run(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return Fail(CommandLineMessage(&app, error), kBadInput);
   } catch (const RunInterrupted& interrupted) {
-    return Fail(interrupted.what(), kInterrupted);
+    return Fail(interrupted.what(), kSignalled + interrupted.signal());
   } catch (const InvalidInput& error) {
     return Fail(error.what(), kBadInput);
   } catch (const FileError& error) {

@@ -19,8 +19,7 @@ namespace {
 
 constexpr std::chrono::milliseconds kLivePeriod(100);
 constexpr std::chrono::seconds kPlainPeriod(5);
-constexpr const char* kRow =
-    "{:>7}  {:>11}  {:>6}  {:>6}  {:>6}  {:>11}  {:>10}  {:>7}  {:>9}  {:>6}  {}\n";
+constexpr const char* kRow = "{:>7} {:>7} {:>6} {:>6} {:>6} {:>9} {:>10} {:>8} {:>9} {:>6} {:>6}\n";
 
 double Seconds(std::chrono::steady_clock::duration duration) {
   return std::chrono::duration<double>(duration).count();
@@ -65,7 +64,7 @@ std::string JsonLine(const EpisodeRecord& record) {
 }
 
 std::string TableHeader() {
-  return fmt::format(kRow, "episode", "interaction", "points", "model", "search", "evaluations",
+  return fmt::format(kRow, "episode", "robot", "points", "model", "search", "rollouts",
                      "GP queries", "rate", "predicted", "return", "solved");
 }
 
@@ -83,6 +82,19 @@ std::string TableRow(const EpisodeRecord& record) {
                      Thousands(record.evaluations),
                      CountText(static_cast<double>(record.gp_queries)), CountText(rate) + "/s",
                      fmt::format("{:.2f}", record.predicted_return), real_return, solved);
+}
+
+// One line that names the outputs whose K took jitter; "" if there are none.
+std::string JitterText(const Task& task, const EpisodeRecord& record) {
+  std::string outputs;
+  for (std::size_t e = 0; e < record.jitter.size(); ++e) {
+    if (record.jitter[e] == 0) continue;
+    outputs += fmt::format("{}{} ({:.1g})", outputs.empty() ? "" : ", ", task.states[e].name,
+                           record.jitter[e]);
+  }
+  if (outputs.empty()) return "";
+  return fmt::format("episode {}: the model needed jitter, as a share of the signal variance: {}",
+                     record.episode, outputs);
 }
 
 // "solved at episode 4", "not solved".
@@ -193,8 +205,10 @@ void Progress::Search(const PolicySearchProgress& progress) {
   Live(fmt::format("{} {}{:3.0f} %  {}", start, bar, 100 * share, figures));
 }
 
-void Progress::Episode(const EpisodeRecord& record) {
+void Progress::Episode(const Task& task, const EpisodeRecord& record) {
   ClearLive();
+  const std::string jitter = JitterText(task, record);
+  if (!jitter.empty()) Line(jitter);
   if (quiet_ && !json_) return;
   WriteOutput(json_ ? JsonLine(record) : TableRow(record));
 }
