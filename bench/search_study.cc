@@ -12,8 +12,8 @@
 #include <string>
 #include <vector>
 
-#include "engine/gp/process_settings.h"
 #include "engine/gp/gp_model.h"
+#include "engine/gp/process_settings.h"
 #include "engine/rollout/evaluator.h"
 #include "engine/search/policy_search.h"
 #include "tasks/registry.h"
@@ -97,7 +97,7 @@ int Main(int argc, char** argv) {
                         : uncertainty == "sigma" ? UncertaintyHandling::kSigma
                                                  : UncertaintyHandling::kRollouts;
   const Dataset data = ReadDataset(task, run, episodes);
-  std::vector<GpFactor> factors;
+  std::vector<QueryFactor> factors;
   const auto fits = FitHyperparameters(data, {}, {}, 0, 0, threads);
   for (int e = 0; e < data.n_outputs(); ++e) {
     factors.push_back(ExactGp(data.inputs, data.targets.col(e), fits[e].hyperparameters).Pack());

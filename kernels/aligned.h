@@ -7,10 +7,10 @@
 
 namespace downpour {
 
-// Lanes a tile holds in fp64: three AVX-512 vectors, which with eight rows of accumulators fill the
-// register file (DESIGN: "a tile of lanes"). Every tile array is [variable][kTileLanes], row =
-// variable, column = lane, rows kAlignment-aligned.
-inline constexpr int kTileLanes = 24;
+// Lanes a tile holds at most: three AVX-512 vectors of float, or two times three of double; three
+// vectors with eight rows of accumulators fill the register file. Every tile array is
+// [variable][kTileLanes], row = variable, column = lane, rows kAlignment-aligned.
+inline constexpr int kTileLanes = 48;
 inline constexpr std::size_t kAlignment = 64;
 
 // Allocator for arrays that kernels read with aligned vector loads.

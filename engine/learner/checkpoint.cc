@@ -49,9 +49,10 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   static constexpr std::array kRestarts = {"bipop", "small"};
   static constexpr std::array kUncertainty = {"off", "sigma", "rollouts"};
   // Named one by one, so that a new option does not compile until it is here.
-  const auto& [episodes, random_episodes, until_solved, hidden_units, seed, threads, model, search,
-               rollout] = options;
+  const auto& [episodes, random_episodes, until_solved, hidden_units, seed, threads, model, plan,
+               search, rollout] = options;
   const auto& [restarts, max_evaluations] = model;
+  const auto& [variance_tolerance, mean_tolerance] = plan;
   const auto& [use_variance, predict_noise, sample_clamp, rollout_threads] = rollout;
   const auto& [evaluations, population, rollouts, max_rollouts, concurrent, exploration,
                final_rollouts, bound, first_sigma, restart_sigma, restart_decades, search_threads,
@@ -64,6 +65,8 @@ Json Settings(const Task& task, const LearnerOptions& options) {
                    {"policy.hidden_units", hidden_units},
                    {"model.restarts", restarts},
                    {"model.max_evaluations", max_evaluations},
+                   {"model.tolerance", JsonNumber(variance_tolerance)},
+                   {"model.mean_tolerance", JsonNumber(mean_tolerance)},
                    {"rollout.variance", use_variance},
                    {"rollout.predict_noise", predict_noise},
                    {"rollout.sample_clamp", JsonNumber(sample_clamp)},
@@ -110,6 +113,15 @@ Json EpisodeToJson(const EpisodeRecord& record) {
                     {"stop", run.stop},
                     {"mean_return", JsonNumber(run.mean_return)}});
   }
+  Json plans = Json::array();
+  for (const PlanRecord& plan : record.plans) {
+    plans.push_back({{"points", plan.points},
+                     {"single_precision", plan.single_precision},
+                     {"tau", JsonNumber(plan.tau)},
+                     {"relative_cost", JsonNumber(plan.relative_cost)},
+                     {"variance_error", JsonNumber(plan.variance_error)},
+                     {"mean_error", JsonNumber(plan.mean_error)}});
+  }
   return {{"episode", record.episode},
           {"random", record.random},
           {"interaction_seconds", JsonNumber(record.interaction_seconds)},
@@ -126,6 +138,8 @@ Json EpisodeToJson(const EpisodeRecord& record) {
           {"policy", JsonNumbers(record.policy)},
           {"hyperparameters", hyperparameters},
           {"jitter", JsonNumbers(record.jitter)},
+          {"plans", plans},
+          {"plan_changes", record.plan_changes},
           {"runs", runs},
           {"simd_target", record.platform.simd_target},
           {"blas_core", record.platform.blas_core}};
@@ -153,6 +167,17 @@ RunRecord RunFromJson(const JsonField& field) {
   return run;
 }
 
+PlanRecord PlanFromJson(const JsonField& field) {
+  PlanRecord plan;
+  plan.points = field["points"].Int(1, kMaxInt);
+  plan.single_precision = field["single_precision"].Bool();
+  plan.tau = field["tau"].Number();
+  plan.relative_cost = field["relative_cost"].Number();
+  plan.variance_error = field["variance_error"].Number();
+  plan.mean_error = field["mean_error"].Number();
+  return plan;
+}
+
 EpisodeRecord EpisodeFromJson(const JsonField& field) {
   EpisodeRecord record;
   record.episode = field["episode"].Int(1, kMaxInt);
@@ -174,6 +199,8 @@ EpisodeRecord EpisodeFromJson(const JsonField& field) {
         {item["lengthscales"].Numbers(), item["signal_std"].Number(), item["noise_std"].Number()});
   }
   record.jitter = field["jitter"].Numbers();
+  for (const JsonField& item : field["plans"].Items()) record.plans.push_back(PlanFromJson(item));
+  record.plan_changes = field["plan_changes"].Int(0, kMaxInt);
   for (const JsonField& item : field["runs"].Items()) record.runs.push_back(RunFromJson(item));
   record.platform = {field["simd_target"].String(), field["blas_core"].String()};
   return record;

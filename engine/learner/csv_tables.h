@@ -24,4 +24,8 @@ std::string TransitionsCsv(const Task& task, const LearnerState& state);
 // the jitter that the factorisation took, a share of the signal variance (0: none).
 std::string HyperparametersCsv(const Task& task, const LearnerState& state);
 
+// A row an episode and output: how rollouts queried the model (PlanRecord); n is the exact model's
+// number of points, changes counts the episode's outputs that were planned again.
+std::string PlansCsv(const Task& task, const LearnerState& state);
+
 }  // namespace downpour

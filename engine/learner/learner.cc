@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <iterator>
 #include <limits>
 #include <utility>
@@ -12,12 +13,18 @@
 #include "engine/errors.h"
 #include "engine/learner/execute.h"
 #include "engine/learner/learner_checks.h"
+#include "engine/learner/planned_model.h"
 #include "engine/learner/platform.h"
 #include "engine/search/search_options.h"
 #include "kernels/philox/philox.h"
 
 namespace downpour {
 namespace {
+
+// Policies whose rollouts give probes for the plan, and candidates whose rollouts check it.
+constexpr int kProbePolicies = 32;
+// Checks of the plan during a search, evenly over its budget.
+constexpr int kPlanChecks = 20;
 
 double SecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
@@ -32,6 +39,12 @@ void BeginPhase(const Learner::Callbacks& callbacks, const char* phase) {
 // The last record with a learnt policy, or nullptr.
 const EpisodeRecord* LastLearnt(const LearnerState& state) {
   return state.episodes.empty() || state.episodes.back().random ? nullptr : &state.episodes.back();
+}
+
+// What the search starts from: the last policy, or the origin.
+std::vector<double> FirstPolicy(const LearnerState& state, const Policy& policy) {
+  const EpisodeRecord* last = LastLearnt(state);
+  return last == nullptr ? std::vector<double>(policy.n_parameters(), 0.0) : last->policy;
 }
 
 // Inputs (features of the observation, action), targets next observation - observation (paper,
@@ -56,44 +69,105 @@ Dataset MakeDataset(const Task& task, const std::vector<Transition>& transitions
   return data;
 }
 
-// Learns the model of all transitions so far and fills the record's model fields.
-std::vector<GpFactor> LearnModel(const Task& task, const LearnerOptions& options,
-                                 const LearnerState& state, EpisodeRecord* record) {
+Eigen::MatrixXd RowsOf(const std::vector<double>& values, int columns) {
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  return Eigen::Map<const RowMajor>(values.data(), static_cast<int>(values.size()) / columns,
+                                    columns);
+}
+
+// Inputs like those that the search will meet: rollouts of the exact model by the last policy and
+// by policies drawn as the search's restarts are (DESIGN 3).
+Eigen::MatrixXd ProbeInputs(const Task& task, const LearnerOptions& options, const Policy& policy,
+                            const std::vector<double>& last_policy, const PlannedModel& model,
+                            std::uint32_t episode) {
+  const std::size_t n_parameters = policy.n_parameters();
+  std::vector<double> parameters(kProbePolicies * n_parameters);
+  std::vector<StreamKey> keys;
+  for (std::uint32_t c = 0; c < kProbePolicies; ++c) {
+    keys.push_back(DeriveKey(options.seed, StreamPurpose::kPlanProbe, {episode, c}));
+    const std::span<double> row(parameters.data() + c * n_parameters, n_parameters);
+    if (c % 2 == 0) {
+      std::copy(last_policy.begin(), last_policy.end(), row.begin());
+      continue;
+    }
+    double u;
+    FillUniforms(keys[c], 1, &u, 1);
+    const double sigma =
+        options.search.restart_sigma * std::pow(10.0, -options.search.restart_decades * u);
+    FillUniforms(keys[c], 2, row.data(), row.size());
+    for (double& value : row) {
+      value = std::clamp(sigma * (2 * value - 1), -options.search.bound, options.search.bound);
+    }
+  }
+  Evaluator evaluator(task, policy, model.exact_factors(), options.rollout);
+  return RowsOf(evaluator.VisitedInputs(parameters, keys), task.n_inputs());
+}
+
+// Learns the model of all transitions so far and plans its queries; fills the record's model
+// fields.
+PlannedModel LearnModel(const Task& task, const LearnerOptions& options, const LearnerState& state,
+                        const Policy& policy, EpisodeRecord* record) {
   const auto start = std::chrono::steady_clock::now();
   const Dataset data = MakeDataset(task, state.transitions);
   const EpisodeRecord* last = LastLearnt(state);
   const std::vector<GpFit> fits = FitHyperparameters(
       data, last == nullptr ? std::vector<Hyperparameters>() : last->hyperparameters, options.model,
       options.seed, static_cast<std::uint32_t>(record->episode), options.rollout.threads);
-  std::vector<GpFactor> factors;
+  std::vector<ExactGp> gps;
   for (int e = 0; e < data.n_outputs(); ++e) {
     record->hyperparameters.push_back(fits[e].hyperparameters);
-    const ExactGp gp(data.inputs, data.targets.col(e), fits[e].hyperparameters);
+    gps.emplace_back(data.inputs, data.targets.col(e), fits[e].hyperparameters);
     const double signal_std = fits[e].hyperparameters.signal_std;
-    record->jitter.push_back(gp.jitter() / (signal_std * signal_std));
-    factors.push_back(gp.Pack());
+    record->jitter.push_back(gps.back().jitter() / (signal_std * signal_std));
   }
+  PlannedModel model(std::move(gps), options.plan, options.rollout.threads);
+  const Eigen::MatrixXd met = ProbeInputs(task, options, policy, FirstPolicy(state, policy), model,
+                                          static_cast<std::uint32_t>(record->episode));
+  Eigen::MatrixXd probes(data.inputs.rows() + met.rows(), data.inputs.cols());
+  probes << data.inputs, met;
+  model.Choose(std::move(probes));
   record->points = data.n_points();
   record->model_seconds = SecondsSince(start);
-  return factors;
+  return model;
+}
+
+// Checks the plans on inputs that a sample of the batch's candidates meets, and goes on with
+// stricter ones where they fail.
+void CheckPlans(const Task& task, const CandidateBatch& batch, int n_parameters,
+                Evaluator* evaluator, PlannedModel* model, EpisodeRecord* record) {
+  std::vector<double> parameters;
+  std::vector<StreamKey> keys;
+  const int every = std::max(1, batch.n_candidates / kProbePolicies);
+  for (int c = 0; c < batch.n_candidates; c += every) {
+    const auto row = batch.parameters.subspan(static_cast<std::size_t>(c) * n_parameters,
+                                              static_cast<std::size_t>(n_parameters));
+    parameters.insert(parameters.end(), row.begin(), row.end());
+    keys.push_back(batch.keys[c]);
+  }
+  const int changed =
+      model->Check(RowsOf(evaluator->VisitedInputs(parameters, keys), task.n_inputs()));
+  if (changed > 0) evaluator->SetFactors(model->factors());
+  record->plan_changes += changed;
 }
 
 // Searches from the last policy, or from the origin, and fills the record's search fields.
 void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerState& state,
-                 const Policy& policy, const std::vector<GpFactor>& factors,
-                 const Learner::Callbacks& callbacks, EpisodeRecord* record) {
+                 const Policy& policy, const Learner::Callbacks& callbacks, PlannedModel* model,
+                 EpisodeRecord* record) {
   const auto start = std::chrono::steady_clock::now();
-  Evaluator evaluator(task, policy, factors, options.rollout);
+  Evaluator evaluator(task, policy, model->factors(), options.rollout);
+  std::int64_t next_check = 0;
   const BatchObjective objective = [&](const CandidateBatch& batch, std::span<double> returns) {
+    if (evaluator.statistics().rollouts >= next_check) {
+      CheckPlans(task, batch, policy.n_parameters(), &evaluator, model, record);
+      next_check += options.search.evaluations / kPlanChecks + 1;
+    }
     evaluator.Evaluate(batch.parameters, batch.keys, batch.n_rollouts, batch.first_rollout,
                        returns);
   };
-  const EpisodeRecord* last = LastLearnt(state);
-  const std::vector<double> first =
-      last == nullptr ? std::vector<double>(policy.n_parameters(), 0.0) : last->policy;
-  PolicySearchResult result =
-      SearchPolicy(options.search, first, options.seed, static_cast<std::uint32_t>(record->episode),
-                   objective, callbacks.search, callbacks.stop);
+  PolicySearchResult result = SearchPolicy(options.search, FirstPolicy(state, policy), options.seed,
+                                           static_cast<std::uint32_t>(record->episode), objective,
+                                           callbacks.search, callbacks.stop);
   record->policy = std::move(result.parameters);
   record->predicted_return = result.predicted_return;
   record->evaluations = result.evaluations;
@@ -103,6 +177,11 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
   record->diverged = statistics.diverged;
   record->lane_fill =
       static_cast<double>(statistics.rollouts) / static_cast<double>(statistics.lanes);
+  for (std::size_t e = 0; e < model->plans().size(); ++e) {
+    const OutputPlan& plan = model->plans()[e];
+    record->plans.push_back({plan.points, plan.single_precision, plan.tau, plan.relative_cost,
+                             model->errors()[e].variance, model->errors()[e].mean});
+  }
   record->search_seconds = SecondsSince(start);
 }
 
@@ -153,9 +232,9 @@ const EpisodeRecord& Learner::RunEpisode(const Callbacks& callbacks) {
   record.platform = CurrentPlatform();
   if (!record.random) {
     BeginPhase(callbacks, "model");
-    const std::vector<GpFactor> factors = LearnModel(task_, options_, state_, &record);
+    PlannedModel model = LearnModel(task_, options_, state_, *policy_, &record);
     BeginPhase(callbacks, "search");
-    LearnPolicy(task_, options_, state_, *policy_, factors, callbacks, &record);
+    LearnPolicy(task_, options_, state_, *policy_, callbacks, &model, &record);
   }
   BeginPhase(callbacks, "execute");
   const std::uint32_t episode = static_cast<std::uint32_t>(record.episode);

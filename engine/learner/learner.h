@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "engine/gp/gp_model.h"
+#include "engine/gp/query_plan.h"
 #include "engine/rollout/evaluator.h"
 #include "engine/rollout/policy.h"
 #include "engine/rollout/task.h"
@@ -24,6 +25,7 @@ struct LearnerOptions {
   std::uint64_t seed = 0;
   int threads = 0;  // 0: all cores
   GpFitOptions model;
+  QueryPlanOptions plan;
   PolicySearchOptions search;
   EvaluatorOptions rollout;
 };
@@ -47,6 +49,17 @@ struct Platform {
   std::string blas_core;
 };
 
+// The plan of one output (engine/gp/query_plan.h).
+struct PlanRecord {
+  int points = 0;  // of the factor; fewer than the data: compressed
+  bool single_precision = false;
+  double tau = 0;             // of the compression; 0: none
+  double relative_cost = 1;   // modelled, exact fp64 = 1
+  double variance_error = 0;  // worst seen, |error| / (variance + noise variance)
+  bool operator==(const PlanRecord&) const = default;
+  double mean_error = 0;  // worst seen, |error| / sqrt(variance + noise variance)
+};
+
 struct EpisodeRecord {
   int episode = 0;  // from 1
   bool random = false;
@@ -67,6 +80,9 @@ struct EpisodeRecord {
   // (E) added to the diagonal of K, in units of signal_std^2; mostly 0 (gp_model.h); empty for a
   // random episode.
   std::vector<double> jitter;
+  // How the rollouts queried each output at the end of the search (E); empty for a random episode.
+  std::vector<PlanRecord> plans;
+  int plan_changes = 0;  // outputs planned again during the search
   std::vector<RunRecord> runs;
   Platform platform;
 };

@@ -38,6 +38,11 @@ void CheckNotNegative(const std::string& name, double value) {
   throw InvalidInput(name + " = " + FormatNumber(value) + ": must be finite and >= 0");
 }
 
+void CheckTolerance(const std::string& name, double value) {
+  if (value >= 0 && value <= 1) return;  // false for NaN
+  throw InvalidInput(name + " = " + FormatNumber(value) + ": must be in [0, 1]");
+}
+
 void CheckEqual(const std::string& name, std::int64_t value, std::int64_t wanted) {
   if (value == wanted) return;
   throw InvalidInput(name + " = " + std::to_string(value) + ": must be " + std::to_string(wanted));
@@ -59,6 +64,7 @@ void CheckEpisode(const std::string& name, const EpisodeRecord& record, const Ta
   CheckSize(name + ".hyperparameters", record.hyperparameters.size(),
             record.random ? 0 : task.n_states());
   CheckEach(name + ".jitter", record.jitter, record.random ? 0 : task.n_states(), CheckNotNegative);
+  CheckSize(name + ".plans", record.plans.size(), record.random ? 0 : task.n_states());
   for (std::size_t e = 0; e < record.hyperparameters.size(); ++e) {
     const std::string output = name + ".hyperparameters[" + std::to_string(e) + "]";
     const Hyperparameters& parameters = record.hyperparameters[e];
@@ -86,6 +92,8 @@ void CheckOptions(const LearnerOptions& options) {
                        ": must be less than learn.episodes = " + std::to_string(options.episodes));
   }
   CheckRange("policy.hidden_units", options.hidden_units, 1, 256);
+  CheckTolerance("model.tolerance", options.plan.variance_tolerance);
+  CheckTolerance("model.mean_tolerance", options.plan.mean_tolerance);
   CheckRange("learn.threads", options.threads, 0, 1024);
   CheckRange("model.restarts", options.model.restarts, 0, 100);
   CheckRange("model.max_evaluations", options.model.max_evaluations, 1, 100000);

@@ -86,6 +86,7 @@ void RunDirectory::Write(const Learner& learner) const {
   WriteFileAtomically(path_ / "timing.csv", TimingCsv(state));
   WriteFileAtomically(path_ / "transitions.csv", TransitionsCsv(learner.task(), state));
   WriteFileAtomically(path_ / "hyperparameters.csv", HyperparametersCsv(learner.task(), state));
+  WriteFileAtomically(path_ / "plans.csv", PlansCsv(learner.task(), state));
   if (!state.episodes.empty()) WritePolicies(path_, learner);
   WriteCheckpoint(path_ / kCheckpoint, learner.task(), learner.options(), state);
 }

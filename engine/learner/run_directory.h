@@ -21,6 +21,7 @@ namespace downpour {
 //   policy_<episode>.json    a learnt policy with all that running it takes (saved_policy.h)
 //   policy.json              the last of them
 //   hyperparameters.csv      one row an episode, output and hyper-parameter
+//   plans.csv                one row an episode and output: how rollouts queried the model
 //   checkpoint.json          the state (checkpoint.h), written last: what it holds is kept
 // Not thread-safe. One process at a time writes a directory, others may read it.
 class RunDirectory {

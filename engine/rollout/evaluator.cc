@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <limits>
 #include <string>
+#include <variant>
 
 #include "engine/errors.h"
 #include "engine/rollout/one_lane.h"
@@ -27,7 +28,7 @@ struct Evaluator::TileScratch {
   double* rewards;     // 1
   double* sums;        // 1
   double* alive;       // 1
-  double* gp;          // GpQueryScratchSize of the largest factor
+  double* gp;          // GpQueryScratchBytes of the largest factor
   alignas(kAlignment) std::uint32_t keys0[kTileLanes];
   alignas(kAlignment) std::uint32_t keys1[kTileLanes];
   alignas(kAlignment) std::uint32_t rollouts[kTileLanes];
@@ -63,10 +64,13 @@ namespace {
 // Step index of the stream that draws start states; steps of the horizon are 0, 1, ...
 constexpr std::uint32_t kStartStep = 0xFFFFFFFF;
 
-std::size_t LargestGpScratch(const std::vector<GpFactor>& factors) {
-  std::size_t size = 0;
-  for (const GpFactor& factor : factors) size = std::max(size, GpQueryScratchSize(factor));
-  return size;
+// Doubles of scratch that the largest factor takes.
+std::size_t LargestGpScratch(std::span<const QueryFactor> factors) {
+  std::size_t bytes = 0;
+  for (const QueryFactor& factor : factors) {
+    std::visit([&](const auto& f) { bytes = std::max(bytes, GpQueryScratchBytes(f)); }, factor);
+  }
+  return (bytes + sizeof(double) - 1) / sizeof(double);
 }
 
 // Builds the message only when it is needed: Evaluate does not allocate.
@@ -77,28 +81,55 @@ void Require(bool condition, const Message& message) {
 
 }  // namespace
 
-Evaluator::Evaluator(const Task& task, const Policy& policy, const std::vector<GpFactor>& factors,
+Evaluator::Evaluator(const Task& task, const Policy& policy, std::span<const QueryFactor> factors,
                      const EvaluatorOptions& options)
-    : task_(task), policy_(policy), factors_(factors), options_(options) {
-  Require(static_cast<int>(factors.size()) == task.n_states(), [&] {
-    return std::to_string(factors.size()) + " GP outputs, the task has " +
-           std::to_string(task.n_states()) + " states: must be equal";
-  });
-  for (const GpFactor& factor : factors) {
-    Require(factor.dim == task.n_inputs(), [&] {
-      return "a GP has " + std::to_string(factor.dim) +
-             " inputs: must be features + actions = " + std::to_string(task.n_inputs());
-    });
-  }
+    : task_(task), policy_(policy), options_(options) {
   Require(options.threads >= 1,
           [&] { return "threads = " + std::to_string(options.threads) + ": must be at least 1"; });
-  scratch_size_ = TileScratch::Size(task, policy.n_parameters(), LargestGpScratch(factors));
-  scratch_.resize(scratch_size_ * options.threads);
+  SetFactors(factors);
+}
+
+void Evaluator::SetFactors(std::span<const QueryFactor> factors) {
+  Require(static_cast<int>(factors.size()) == task_.n_states(), [&] {
+    return std::to_string(factors.size()) + " GP outputs, the task has " +
+           std::to_string(task_.n_states()) + " states: must be equal";
+  });
+  for (const QueryFactor& factor : factors) {
+    const int dim = std::visit([](const auto& f) { return f.dim; }, factor);
+    Require(dim == task_.n_inputs(), [&] {
+      return "a GP has " + std::to_string(dim) +
+             " inputs: must be features + actions = " + std::to_string(task_.n_inputs());
+    });
+  }
+  factors_ = factors;
+  scratch_size_ = TileScratch::Size(task_, policy_.n_parameters(), LargestGpScratch(factors));
+  scratch_.resize(scratch_size_ * options_.threads);
 }
 
 void Evaluator::Evaluate(std::span<const double> parameters, std::span<const StreamKey> keys,
                          std::span<const int> n_rollouts, std::span<const int> first_rollout,
                          std::span<double> returns) {
+  Run(parameters, keys, n_rollouts, first_rollout, returns, nullptr);
+  const double penalty = -task_.horizon;
+  const auto n_lanes = static_cast<std::int64_t>(lanes_.size());
+  statistics_.diverged += std::count(returns.begin(), returns.end(), penalty);
+  statistics_.rollouts += n_lanes;
+  statistics_.lanes += (n_lanes + kTileLanes - 1) / kTileLanes * kTileLanes;
+  statistics_.gp_queries += n_lanes * task_.horizon * task_.n_states();
+}
+
+std::vector<double> Evaluator::VisitedInputs(std::span<const double> parameters,
+                                             std::span<const StreamKey> keys) {
+  const std::vector<int> one(keys.size(), 1), zero(keys.size(), 0);
+  std::vector<double> returns(keys.size());
+  std::vector<double> visited(keys.size() * task_.horizon * task_.n_inputs());
+  Run(parameters, keys, one, zero, returns, visited.data());
+  return visited;
+}
+
+void Evaluator::Run(std::span<const double> parameters, std::span<const StreamKey> keys,
+                    std::span<const int> n_rollouts, std::span<const int> first_rollout,
+                    std::span<double> returns, double* visited) {
   const int n_candidates = static_cast<int>(keys.size());
   Require(parameters.size() == keys.size() * policy_.n_parameters(), [&] {
     return std::to_string(parameters.size()) + " parameters for " + std::to_string(n_candidates) +
@@ -129,13 +160,8 @@ void Evaluator::Evaluate(std::span<const double> parameters, std::span<const Str
                         scratch_.data() + scratch_size_ * omp_get_thread_num());
     const int first = tile * kTileLanes;
     RunTile(parameters, keys, first, std::min(kTileLanes, n_lanes - first), &scratch,
-            returns.data() + first);
+            returns.data() + first, visited);
   }
-  const double penalty = -task_.horizon;
-  statistics_.diverged += std::count(returns.begin(), returns.end(), penalty);
-  statistics_.rollouts += n_lanes;
-  statistics_.lanes += static_cast<std::int64_t>(n_tiles) * kTileLanes;
-  statistics_.gp_queries += static_cast<std::int64_t>(n_lanes) * task_.horizon * task_.n_states();
 }
 
 void Evaluator::PackTile(std::span<const double> parameters, std::span<const StreamKey> keys,
@@ -164,19 +190,24 @@ void Evaluator::PackTile(std::span<const double> parameters, std::span<const Str
   FeatureTile(task_.features.data(), task_.n_features(), s.states, s.inputs);
 }
 
-void Evaluator::StepTile(std::uint32_t step, const TileScratch& s) const {
+// One step from the features and actions in scratch.inputs to the next features and reward.
+void Evaluator::AdvanceTile(std::uint32_t step, int n, const TileScratch& s) const {
   const int n_states = task_.n_states();
-  policy_.ActTile(s.parameters, s.inputs, s.inputs + task_.n_features() * kTileLanes);
   for (int e = 0; e < n_states; ++e) {
-    GpQueryTile(factors_[e], s.inputs, s.gp, s.means + e * kTileLanes,
-                options_.use_variance ? s.variances + e * kTileLanes : nullptr);
+    double* const variance = options_.use_variance ? s.variances + e * kTileLanes : nullptr;
+    std::visit(
+        [&](const auto& factor) {
+          GpQueryTile(factor, n, s.inputs, s.gp, s.means + e * kTileLanes, variance);
+        },
+        factors_[e]);
   }
   if (options_.use_variance) NormalTile(s.keys0, s.keys1, s.rollouts, step, n_states, s.normals);
   for (int e = 0; e < n_states; ++e) {
     const int at = e * kTileLanes;
+    const double noise = std::visit([](const auto& f) { return f.noise_variance; }, factors_[e]);
     TransitionTile(s.means + at, options_.use_variance ? s.variances + at : nullptr,
-                   options_.predict_noise ? factors_[e].noise_variance : 0.0, s.normals + at,
-                   options_.sample_clamp, kStateLimit, s.states + at, s.alive);
+                   options_.predict_noise ? noise : 0.0, s.normals + at, options_.sample_clamp,
+                   kStateLimit, s.states + at, s.alive);
   }
   FeatureTile(task_.features.data(), task_.n_features(), s.states, s.inputs);
   const SaturatingReward& reward = task_.reward;
@@ -186,11 +217,26 @@ void Evaluator::StepTile(std::uint32_t step, const TileScratch& s) const {
 }
 
 void Evaluator::RunTile(std::span<const double> parameters, std::span<const StreamKey> keys,
-                        int first, int n, TileScratch* scratch, double* returns) const {
+                        int first, int n, TileScratch* scratch, double* returns,
+                        double* visited) const {
   PackTile(parameters, keys, first, n, scratch);
-  for (int step = 0; step < task_.horizon; ++step) StepTile(step, *scratch);
+  const TileScratch& s = *scratch;
+  // Lanes beyond n are not queried: their means stay at what they are here.
+  std::fill_n(s.means, kTileLanes * task_.n_states(), 0.0);
+  std::fill_n(s.variances, kTileLanes * task_.n_states(), 0.0);
+  const int dim = task_.n_inputs();
+  for (int step = 0; step < task_.horizon; ++step) {
+    policy_.ActTile(s.parameters, s.inputs, s.inputs + task_.n_features() * kTileLanes);
+    if (visited != nullptr) {
+      for (int lane = 0; lane < n; ++lane) {
+        const std::size_t row = static_cast<std::size_t>(first + lane) * task_.horizon + step;
+        for (int d = 0; d < dim; ++d) visited[row * dim + d] = s.inputs[d * kTileLanes + lane];
+      }
+    }
+    AdvanceTile(step, n, s);
+  }
   for (int lane = 0; lane < n; ++lane) {
-    returns[lane] = scratch->alive[lane] != 0 ? scratch->sums[lane] : -task_.horizon;
+    returns[lane] = s.alive[lane] != 0 ? s.sums[lane] : -task_.horizon;
   }
 }
 

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "engine/gp/query_plan.h"
 #include "engine/rollout/policy.h"
 #include "engine/rollout/task.h"
 #include "kernels/aligned.h"
@@ -38,10 +39,13 @@ class Evaluator {
  public:
   static constexpr double kStateLimit = 30000;
 
-  // factors: one an output, D = F + A. The references must outlive the evaluator. Throws
+  // factors: one an output, D = F + A. Task, policy and factors must outlive the evaluator. Throws
   // InvalidInput if sizes disagree.
-  Evaluator(const Task& task, const Policy& policy, const std::vector<GpFactor>& factors,
+  Evaluator(const Task& task, const Policy& policy, std::span<const QueryFactor> factors,
             const EvaluatorOptions& options);
+
+  // Goes on with other factors, checked as in the constructor. Allocates.
+  void SetFactors(std::span<const QueryFactor> factors);
 
   // Sums of rewards over the horizon. Candidate c has the parameters in row c of `parameters`
   // (n x P row-major), runs n_rollouts[c] rollouts numbered from first_rollout[c] with stream
@@ -50,6 +54,12 @@ class Evaluator {
   void Evaluate(std::span<const double> parameters, std::span<const StreamKey> keys,
                 std::span<const int> n_rollouts, std::span<const int> first_rollout,
                 std::span<double> returns);
+
+  // The model's inputs (features, action) that one rollout a candidate meets: row c horizon + t of
+  // the result (n horizon x D, row-major) is that of candidate c at step t. Not counted in the
+  // statistics. Allocates.
+  std::vector<double> VisitedInputs(std::span<const double> parameters,
+                                    std::span<const StreamKey> keys);
 
   const EvaluatorStatistics& statistics() const { return statistics_; }
 
@@ -61,14 +71,18 @@ class Evaluator {
   struct TileScratch;
   // Runs lanes [first, first + n) through all steps and writes their returns.
   void RunTile(std::span<const double> parameters, std::span<const StreamKey> keys, int first,
-               int n, TileScratch* scratch, double* returns) const;
+               int n, TileScratch* scratch, double* returns, double* visited) const;
   void PackTile(std::span<const double> parameters, std::span<const StreamKey> keys, int first,
                 int n, TileScratch* scratch) const;
-  void StepTile(std::uint32_t step, const TileScratch& scratch) const;
+  void AdvanceTile(std::uint32_t step, int n, const TileScratch& scratch) const;
+  // Evaluate without statistics; visited as VisitedInputs, or nullptr.
+  void Run(std::span<const double> parameters, std::span<const StreamKey> keys,
+           std::span<const int> n_rollouts, std::span<const int> first_rollout,
+           std::span<double> returns, double* visited);
 
   const Task& task_;
   const Policy& policy_;
-  const std::vector<GpFactor>& factors_;
+  std::span<const QueryFactor> factors_;
   EvaluatorOptions options_;
   std::size_t scratch_size_ = 0;  // doubles a thread
   AlignedVector<double> scratch_;

@@ -1,136 +1,228 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "kernels/gp_query/gp_query.h"
 
-#include <cmath>
+#include <algorithm>
+#include <type_traits>
+
+#include "kernels/gp_query/triangle_layout.h"
 
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "kernels/gp_query/gp_query.cc"
 #include "hwy/foreach_target.h"  // IWYU pragma: keep
 // After foreach_target:
-#include "hwy/contrib/math/math-inl.h"
 #include "hwy/highway.h"
+#include "kernels/gp_query/exp2_negative-inl.h"
+#include "kernels/gp_query/panel-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace downpour {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-using D = hn::ScalableTag<double>;
-using V = hn::Vec<D>;
+// A tile is cut into groups of kWidth = 3, 2 or 1 vectors of lanes; the rows of a group lie
+// together.
+template <typename T>
+struct Group {
+  T* queries;  // D rows: s_d x_d - c_d
+  T* e;        // n_padded rows
+  T* rows;     // kChunkSide rows of W e, incomplete between chunks
+  T* mean;     // 1 row
+  T* norm;     // 1 row: |W e|^2
 
-constexpr int kVectors =
-    3;  // vectors a group of lanes: with kRows accumulators each, all registers
-constexpr int kRows = HWY_MAX_BYTES >= 64 ? 8 : 4;
-static_assert(GpFactor::kRowBlock % kRows == 0);
-static_assert(kTileLanes % (kVectors * (HWY_MAX_BYTES / sizeof(double))) == 0);
+  static std::size_t Rows(const GpFactorT<T>& f) { return f.dim + f.n_padded + kChunkSide + 2; }
+  Group(const GpFactorT<T>& f, std::size_t lanes, T* scratch)
+      : queries(scratch),
+        e(queries + f.dim * lanes),
+        rows(e + f.n_padded * lanes),
+        mean(rows + kChunkSide * lanes),
+        norm(mean + lanes) {}
+};
 
-// e_i for every point and the mean, for the group of lanes that starts at `x`.
-HWY_INLINE void CovarianceAndMean(const GpFactor& f, const double* HWY_RESTRICT x,
-                                  double* HWY_RESTRICT e, double* HWY_RESTRICT mean) {
-  const D d;
-  const size_t lanes = hn::Lanes(d);
-  // Highway's Exp turns NaN into 0: 0 x starts the sums, so that a lane that is not finite stays
-  // so.
-  V m0 = hn::Zero(d), m1 = m0, m2 = m0;
-  for (int k = 0; k < f.dim; ++k) {
-    const double* HWY_RESTRICT q = x + k * kTileLanes;
-    m0 = hn::MulAdd(hn::Zero(d), hn::Load(d, q), m0);
-    m1 = hn::MulAdd(hn::Zero(d), hn::Load(d, q + lanes), m1);
-    m2 = hn::MulAdd(hn::Zero(d), hn::Load(d, q + 2 * lanes), m2);
+// Calls body(std::integral_constant<int, width>(), first) for the groups that `vectors` vectors are
+// cut into. Groups of one, which load more than they compute, are avoided.
+template <class Body>
+HWY_INLINE void ForEachGroup(int vectors, const Body& body) {
+  int first = 0;
+  for (; vectors - first == 3 || vectors - first > 4; first += 3) {
+    body(std::integral_constant<int, 3>(), first);
   }
-  const double* HWY_RESTRICT input = f.inputs.data();
-  for (int i = 0; i < f.n_padded; ++i, input += f.dim, e += kTileLanes) {
-    V s0 = hn::Zero(d), s1 = s0, s2 = s0;
-    for (int k = 0; k < f.dim; ++k) {
+  for (; vectors - first >= 2; first += 2) body(std::integral_constant<int, 2>(), first);
+  if (vectors - first == 1) body(std::integral_constant<int, 1>(), first);
+}
+
+// Squared scaled distances of kRowBlock points. kDim = 0: D at run time.
+template <int kWidth, int kDim, typename T>
+HWY_INLINE void SquaredDistances(int run_time_dim, const T* HWY_RESTRICT input,
+                                 const T* HWY_RESTRICT queries, T* HWY_RESTRICT out) {
+  const hn::ScalableTag<T> d;
+  using V = hn::Vec<decltype(d)>;
+  const size_t lanes = hn::Lanes(d);
+  const int dim = kDim > 0 ? kDim : run_time_dim;
+  for (int i = 0; i < kRowBlock; ++i, input += dim, out += kWidth * lanes) {
+    V s[kWidth];
+    for (V& sum : s) sum = hn::Zero(d);
+    for (int k = 0; k < dim; ++k) {
       const V c = hn::Set(d, input[k]);
-      const double* HWY_RESTRICT q = x + k * kTileLanes;
-      const V t0 = hn::Sub(hn::Load(d, q), c);
-      const V t1 = hn::Sub(hn::Load(d, q + lanes), c);
-      const V t2 = hn::Sub(hn::Load(d, q + 2 * lanes), c);
-      s0 = hn::MulAdd(t0, t0, s0);
-      s1 = hn::MulAdd(t1, t1, s1);
-      s2 = hn::MulAdd(t2, t2, s2);
+      for (int v = 0; v < kWidth; ++v) {
+        const V t = hn::Sub(hn::Load(d, queries + (k * kWidth + v) * lanes), c);
+        s[v] = hn::MulAdd(t, t, s[v]);
+      }
     }
-    const V e0 = hn::Exp(d, hn::Neg(s0));
-    const V e1 = hn::Exp(d, hn::Neg(s1));
-    const V e2 = hn::Exp(d, hn::Neg(s2));
-    hn::Store(e0, d, e);
-    hn::Store(e1, d, e + lanes);
-    hn::Store(e2, d, e + 2 * lanes);
-    const V w = hn::Set(d, f.weights[i]);
-    m0 = hn::MulAdd(w, e0, m0);
-    m1 = hn::MulAdd(w, e1, m1);
-    m2 = hn::MulAdd(w, e2, m2);
+    for (int v = 0; v < kWidth; ++v) hn::Store(s[v], d, out + v * lanes);
   }
-  hn::Store(m0, d, mean);
-  hn::Store(m1, d, mean + lanes);
-  hn::Store(m2, d, mean + 2 * lanes);
 }
 
-// signal_variance - |W e|^2 for a group of lanes: kRows rows of W e at a time live in registers and
-// are squared there, so that W e is never stored. A mean that is not finite spoils the variance.
-HWY_INLINE void Variance(const GpFactor& f, const double* HWY_RESTRICT e,
-                         const double* HWY_RESTRICT mean, double* HWY_RESTRICT variance) {
-  const D d;
+// e of every point and the mean, in three passes over kRowBlock points at a time: each pass alone
+// keeps its operands in registers.
+template <int kWidth, int kDim, typename T>
+HWY_NOINLINE void CovariancesAndMean(const GpFactorT<T>& f, const Group<T>& group) {
+  const hn::ScalableTag<T> d;
+  using V = hn::Vec<decltype(d)>;
   const size_t lanes = hn::Lanes(d);
-  const auto zero_or_nan = [&](V m) { return hn::Sub(m, m); };
-  V n0 = zero_or_nan(hn::Load(d, mean));
-  V n1 = zero_or_nan(hn::Load(d, mean + lanes));
-  V n2 = zero_or_nan(hn::Load(d, mean + 2 * lanes));
-  const double* HWY_RESTRICT block = f.triangle.data();
-  for (int columns = GpFactor::kRowBlock; columns <= f.n_padded; columns += GpFactor::kRowBlock) {
-    for (int half = 0; half < GpFactor::kRowBlock; half += kRows) {
-      V acc0[kRows], acc1[kRows], acc2[kRows];
-      for (int r = 0; r < kRows; ++r) acc0[r] = acc1[r] = acc2[r] = hn::Zero(d);
-      const double* HWY_RESTRICT w = block + half;
-      const double* HWY_RESTRICT column = e;
-      for (int j = 0; j < columns; ++j, w += GpFactor::kRowBlock, column += kTileLanes) {
-        const V e0 = hn::Load(d, column);
-        const V e1 = hn::Load(d, column + lanes);
-        const V e2 = hn::Load(d, column + 2 * lanes);
-        HWY_UNROLL(8) for (int r = 0; r < kRows; ++r) {
-          const V wr = hn::Set(d, w[r]);
-          acc0[r] = hn::MulAdd(wr, e0, acc0[r]);
-          acc1[r] = hn::MulAdd(wr, e1, acc1[r]);
-          acc2[r] = hn::MulAdd(wr, e2, acc2[r]);
-        }
-      }
-      for (int r = 0; r < kRows; ++r) {
-        n0 = hn::MulAdd(acc0[r], acc0[r], n0);
-        n1 = hn::MulAdd(acc1[r], acc1[r], n1);
-        n2 = hn::MulAdd(acc2[r], acc2[r], n2);
-      }
+  constexpr int kAtOnce = kManyRegisters ? 8 : 4;
+  V mean[kWidth];
+  // 0 x starts the sums, so that a lane that is not finite stays so whatever the power makes of it.
+  for (int v = 0; v < kWidth; ++v) {
+    mean[v] = hn::Zero(d);
+    for (int k = 0; k < f.dim; ++k) {
+      const V q = hn::Load(d, group.queries + (k * kWidth + v) * lanes);
+      mean[v] = hn::MulAdd(hn::Zero(d), q, mean[v]);
     }
-    block += GpFactor::kRowBlock * columns;
   }
-  const V signal = hn::Set(d, f.signal_variance);
-  // The operands' order lets a NaN through: Max(NaN, 0) would hide a lane that is not finite.
-  const auto clamp = [&](V norm) {
-    const V v = hn::Sub(signal, norm);
-    return hn::IfThenElse(hn::Lt(v, hn::Zero(d)), hn::Zero(d), v);
-  };
-  hn::Store(clamp(n0), d, variance);
-  hn::Store(clamp(n1), d, variance + lanes);
-  hn::Store(clamp(n2), d, variance + 2 * lanes);
+  T* HWY_RESTRICT e = group.e;
+  for (int first = 0; first < f.n_padded; first += kRowBlock) {
+    const T* const inputs = f.inputs.data() + static_cast<std::size_t>(first) * f.dim;
+    SquaredDistances<kWidth, kDim>(f.dim, inputs, group.queries, e);
+    for (size_t i = 0; i < kRowBlock * kWidth * lanes; i += kAtOnce * lanes) {
+      V s[kAtOnce];
+      for (int v = 0; v < kAtOnce; ++v) s[v] = hn::Load(d, e + i + v * lanes);
+      Exp2Negative(d, s);
+      for (int v = 0; v < kAtOnce; ++v) hn::Store(s[v], d, e + i + v * lanes);
+    }
+    for (int i = 0; i < kRowBlock; ++i, e += kWidth * lanes) {
+      const V w = hn::Set(d, f.weights[first + i]);
+      for (int v = 0; v < kWidth; ++v) mean[v] = hn::MulAdd(w, hn::Load(d, e + v * lanes), mean[v]);
+    }
+  }
+  for (int v = 0; v < kWidth; ++v) hn::Store(mean[v], d, group.mean + v * lanes);
 }
 
-void QueryTile(const GpFactor& f, const double* x, double* scratch, double* mean,
-               double* variance) {
-  const D d;
-  const int lanes = static_cast<int>(hn::Lanes(d));
-  double* HWY_RESTRICT scaled = scratch;
-  double* HWY_RESTRICT e = scratch + f.dim * kTileLanes;
+// The D of the tasks at compile time.
+template <int kWidth, typename T>
+HWY_INLINE void CovariancesAndMeanOfDim(const GpFactorT<T>& f, const Group<T>& group) {
+  switch (f.dim) {
+    case 4:
+      return CovariancesAndMean<kWidth, 4>(f, group);
+    case 6:
+      return CovariancesAndMean<kWidth, 6>(f, group);
+    case 12:
+      return CovariancesAndMean<kWidth, 12>(f, group);
+    default:
+      return CovariancesAndMean<kWidth, 0>(f, group);
+  }
+}
+
+// Adds a chunk's panels for the group of kWidth vectors from `first` on. The groups share the
+// fetching of the chunk that follows: a triangle beyond the second-level cache comes in evenly.
+template <int kWidth, typename T>
+HWY_INLINE void AddChunk(const TriangleChunk& chunk, const T* w, const Group<T>& group, int first,
+                         int vectors) {
+  const std::size_t lanes = kWidth * hn::Lanes(hn::ScalableTag<T>());
+  const int step = (kRowBlock * kWidth + vectors - 1) / vectors;
+  const T* fetch = w + chunk.size + chunk.size * first / vectors;
+  for (int row = chunk.row; row < chunk.end_row; row += kRowBlock) {
+    const int n_columns = chunk.Columns(row);
+    AddPanel<kWidth>(w, n_columns, chunk.column == 0, chunk.column + n_columns == row + kRowBlock,
+                     fetch, step, group.e + chunk.column * lanes,
+                     group.rows + (row - chunk.row) * lanes, group.norm);
+    w += kRowBlock * n_columns;
+    fetch += step * n_columns;
+  }
+}
+
+// s_d x_d - c_d in double, rounded to T.
+template <typename T>
+HWY_INLINE void ScaleQueries(const GpFactorT<T>& f, const double* HWY_RESTRICT x, int lanes,
+                             T* HWY_RESTRICT queries) {
+  const hn::ScalableTag<double> d;
+  const hn::Rebind<T, decltype(d)> d_out;
   for (int k = 0; k < f.dim; ++k) {
-    const V s = hn::Set(d, f.scale[k]);
-    for (int lane = 0; lane < kTileLanes; lane += lanes) {
-      const int at = k * kTileLanes + lane;
-      hn::Store(hn::Mul(s, hn::Load(d, x + at)), d, scaled + at);
+    const auto s = hn::Set(d, f.scale[k]), c = hn::Set(d, f.centre[k]);
+    for (int lane = 0; lane < lanes; lane += static_cast<int>(hn::Lanes(d))) {
+      const auto q = hn::MulSub(s, hn::Load(d, x + k * kTileLanes + lane), c);
+      if constexpr (std::is_same_v<T, double>) {
+        hn::Store(q, d, queries + k * lanes + lane);
+      } else {
+        // Highway's scalar target demotes infinity to the largest float: make it NaN.
+        const auto finite = hn::Add(q, hn::Sub(q, q));
+        hn::Store(hn::DemoteTo(d_out, finite), d_out, queries + k * lanes + lane);
+      }
     }
   }
-  for (int lane = 0; lane < kTileLanes; lane += kVectors * lanes) {
-    CovarianceAndMean(f, scaled + lane, e + lane, mean + lane);
-    if (variance != nullptr) Variance(f, e + lane, mean + lane, variance + lane);
+}
+
+// Means, and variances as signal_variance - norm, in double.
+template <typename T>
+HWY_INLINE void WriteResults(const GpFactorT<T>& f, const Group<T>& group, int lanes,
+                             double* HWY_RESTRICT mean, double* HWY_RESTRICT variance) {
+  const hn::ScalableTag<double> d;
+  const hn::Rebind<T, decltype(d)> d_in;
+  const auto load = [&](const T* from) {
+    if constexpr (std::is_same_v<T, double>) {
+      return hn::Load(d, from);
+    } else {
+      return hn::PromoteTo(d, hn::Load(d_in, from));
+    }
+  };
+  for (int lane = 0; lane < lanes; lane += static_cast<int>(hn::Lanes(d))) {
+    hn::Store(load(group.mean + lane), d, mean + lane);
+    if (variance == nullptr) continue;
+    // The operands' order lets a NaN through: Max(NaN, 0) would hide a lane that is not finite.
+    const auto v = hn::Sub(hn::Set(d, f.signal_variance), load(group.norm + lane));
+    hn::Store(hn::IfThenElse(hn::Lt(v, hn::Zero(d)), hn::Zero(d), v), d, variance + lane);
   }
+}
+
+template <typename T>
+void QueryTile(const GpFactorT<T>& f, int n_lanes, const double* HWY_RESTRICT x,
+               T* HWY_RESTRICT scratch, double* HWY_RESTRICT mean, double* HWY_RESTRICT variance) {
+  const hn::ScalableTag<T> d;
+  const int lanes = static_cast<int>(hn::Lanes(d));
+  const int vectors = (n_lanes + lanes - 1) / lanes;
+  const auto group_at = [&](int width, int first) {
+    return Group<T>(f, width * lanes, scratch + Group<T>::Rows(f) * first * lanes);
+  };
+  ForEachGroup(vectors, [&](auto width, int first) {
+    const Group<T> group = group_at(width, first);
+    ScaleQueries(f, x + first * lanes, width * lanes, group.queries);
+    CovariancesAndMeanOfDim<width>(f, group);
+    // The norm starts at 0, or NaN where the mean is not finite.
+    for (int lane = 0; lane < width * lanes; lane += lanes) {
+      const auto m = hn::Load(d, group.mean + lane);
+      hn::Store(hn::Sub(m, m), d, group.norm + lane);
+    }
+  });
+  if (variance != nullptr) {
+    ForEachChunk(f.n_padded, [&](const TriangleChunk& chunk) {
+      const T* const w = f.triangle.data() + chunk.offset;
+      ForEachGroup(vectors, [&](auto width, int first) {
+        AddChunk<width>(chunk, w, group_at(width, first), first, vectors);
+      });
+    });
+  }
+  ForEachGroup(vectors, [&](auto width, int first) {
+    WriteResults(f, group_at(width, first), width * lanes, mean + first * lanes,
+                 variance == nullptr ? nullptr : variance + first * lanes);
+  });
+}
+
+void QueryTileDouble(const GpFactor& f, int n_lanes, const double* x, void* scratch, double* mean,
+                     double* variance) {
+  QueryTile(f, n_lanes, x, static_cast<double*>(scratch), mean, variance);
+}
+void QueryTileFloat(const GpFactor32& f, int n_lanes, const double* x, void* scratch, double* mean,
+                    double* variance) {
+  QueryTile(f, n_lanes, x, static_cast<float*>(scratch), mean, variance);
 }
 
 }  // namespace HWY_NAMESPACE
@@ -140,47 +232,23 @@ HWY_AFTER_NAMESPACE();
 #if HWY_ONCE
 namespace downpour {
 
-HWY_EXPORT(QueryTile);
+HWY_EXPORT(QueryTileDouble);
+HWY_EXPORT(QueryTileFloat);
 
-GpFactor PackGpFactor(int n, int dim, const double* inputs, const double* lengthscales,
-                      double signal_std, double noise_std, const double* weights,
-                      const double* inverse_factor) {
-  constexpr int kBlock = GpFactor::kRowBlock;
-  GpFactor f;
-  f.n = n;
-  f.dim = dim;
-  f.n_padded = (n + kBlock - 1) / kBlock * kBlock;
-  f.signal_variance = signal_std * signal_std;
-  f.noise_variance = noise_std * noise_std;
-  f.scale.resize(dim);
-  for (int k = 0; k < dim; ++k) f.scale[k] = std::sqrt(0.5) / lengthscales[k];
-  f.inputs.assign(static_cast<std::size_t>(f.n_padded) * dim, 0.0);
-  f.weights.assign(f.n_padded, 0.0);
-  for (int i = 0; i < n; ++i) {
-    for (int k = 0; k < dim; ++k) f.inputs[i * dim + k] = f.scale[k] * inputs[i * dim + k];
-    f.weights[i] = f.signal_variance * weights[i];
-  }
-  const std::size_t blocks = f.n_padded / kBlock;
-  f.triangle.reserve(kBlock * kBlock * blocks * (blocks + 1) / 2);
-  for (int first = 0; first < f.n_padded; first += kBlock) {
-    for (int j = 0; j < first + kBlock; ++j) {
-      for (int i = first; i < first + kBlock; ++i) {
-        const bool inside = i < n && j <= i;
-        f.triangle.push_back(
-            inside ? f.signal_variance * inverse_factor[static_cast<std::size_t>(j) * n + i] : 0.0);
-      }
-    }
-  }
-  return f;
+std::size_t GpQueryScratchBytes(const GpFactor& f) {
+  return sizeof(double) * kTileLanes * (f.dim + f.n_padded + kChunkSide + 2);
+}
+std::size_t GpQueryScratchBytes(const GpFactor32& f) {
+  return sizeof(float) * kTileLanes * (f.dim + f.n_padded + kChunkSide + 2);
 }
 
-std::size_t GpQueryScratchSize(const GpFactor& factor) {
-  return static_cast<std::size_t>(factor.dim + factor.n_padded) * kTileLanes;
-}
-
-void GpQueryTile(const GpFactor& factor, const double* x, double* scratch, double* mean,
+void GpQueryTile(const GpFactor& factor, int n_lanes, const double* x, void* scratch, double* mean,
                  double* variance) {
-  HWY_DYNAMIC_DISPATCH(QueryTile)(factor, x, scratch, mean, variance);
+  HWY_DYNAMIC_DISPATCH(QueryTileDouble)(factor, n_lanes, x, scratch, mean, variance);
+}
+void GpQueryTile(const GpFactor32& factor, int n_lanes, const double* x, void* scratch,
+                 double* mean, double* variance) {
+  HWY_DYNAMIC_DISPATCH(QueryTileFloat)(factor, n_lanes, x, scratch, mean, variance);
 }
 
 }  // namespace downpour

@@ -29,6 +29,7 @@ enum class StreamPurpose : std::uint32_t {
   kRollout = 8,
   kFinalEvaluation = 9,
   kEvaluate = 10,
+  kPlanProbe = 11,
 };
 
 // Key of the stream at `path` (at most 8 coordinates, e.g. {episode, run, generation}) under

@@ -58,12 +58,13 @@ TEST_CASE("gp_model: the packed factor answers as Predict does") {
     const ExactGp gp(ref.data.inputs, ref.data.targets.col(e), ref.hyper[e]);
     const GpFactor factor = gp.Pack();
     CHECK(factor.noise_variance == doctest::Approx(std::pow(ref.hyper[e].noise_std, 2)));
-    AlignedVector<double> x(6 * kTileLanes), scratch(GpQueryScratchSize(factor));
+    AlignedVector<double> x(6 * kTileLanes);
+    AlignedVector<unsigned char> scratch(GpQueryScratchBytes(factor));
     AlignedVector<double> mean(kTileLanes), variance(kTileLanes);
     for (int d = 0; d < 6; ++d) {
       for (int lane = 0; lane < kTileLanes; ++lane) x[d * kTileLanes + lane] = ref.query(lane, d);
     }
-    GpQueryTile(factor, x.data(), scratch.data(), mean.data(), variance.data());
+    GpQueryTile(factor, kTileLanes, x.data(), scratch.data(), mean.data(), variance.data());
     const double unit = kEps * ConditionBound(ref.hyper[e], 160);
     for (int lane = 0; lane < kTileLanes; ++lane) {
       double exact_mean = 0, exact_variance = 0;

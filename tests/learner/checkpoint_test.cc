@@ -89,8 +89,8 @@ TEST_CASE("checkpoint: no flipped byte goes unnoticed") {
 
 TEST_CASE("checkpoint: a later version is refused by its number") {
   std::string text = Text();
-  text.replace(text.find("\"version\":2"), 11, "\"version\":3");
-  CHECK(ParseError(text) == "run/checkpoint.json: version 3, this program reads 2");
+  text.replace(text.find("\"version\":3"), 11, "\"version\":4");
+  CHECK(ParseError(text) == "run/checkpoint.json: version 4, this program reads 3");
 }
 
 TEST_CASE("checkpoint: another file is refused") {
@@ -140,6 +140,8 @@ TEST_CASE("checkpoint: wrong sizes and impossible values are named") {
         at + "episodes[1].hyperparameters[0].lengthscales[1] = 0: must be finite and > 0");
   CHECK(error("/transitions/0/reward", "nan") ==
         at + "transitions[0].reward = nan: must be finite");
+  CHECK(error("/episodes/1/plans/1/points", 0) ==
+        at + "payload.episodes[1].plans[1].points = 0: must be an integer in [1, 2147483647]");
   CHECK(error("/episodes/1/jitter", {0}) == at + "episodes[1].jitter has 1 entries: must be 2");
   CHECK(error("/episodes/1/episode", 3) == at + "episodes[1].episode = 3: must be 2");
   CHECK(error("/transitions/6/step", 4) == at + "transitions[6].step = 4: must be 1");

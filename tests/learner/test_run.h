@@ -87,6 +87,7 @@ inline bool SameBits(const EpisodeRecord& a, const EpisodeRecord& b) {
               a.platform.blas_core == b.platform.blas_core &&
               SameBits(a.predicted_return, b.predicted_return) &&
               SameBits(a.real_return, b.real_return) && a.solved == b.solved &&
+              a.plans == b.plans && a.plan_changes == b.plan_changes &&
               SameBits(a.policy, b.policy) && a.runs.size() == b.runs.size() &&
               a.hyperparameters.size() == b.hyperparameters.size();
   for (std::size_t i = 0; same && i < a.hyperparameters.size(); ++i) {
@@ -157,6 +158,8 @@ inline LearnerState PointMassState() {
   learnt.policy = {0.1, 0.2, 0.3, -0.0, denormal};
   learnt.hyperparameters = {{{0.1, 0.2, 0.7}, 1.1, 1e-5}, {{1e-300, 1e300, 3}, 2.2, 0.3}};
   learnt.jitter = {0, 1e-10};
+  learnt.plans = {{5, false, 0, 1, 0, 0}, {3, true, 0.003, 1.0 / 3, 0.01, 4.9e-324}};
+  learnt.plan_changes = 2;
   learnt.platform = {"AVX2", "Haswell"};
   learnt.runs.resize(2);
   learnt.runs[0].population = 8;

@@ -103,7 +103,7 @@ struct Fixture {
 
   Task task;
   std::unique_ptr<Policy> policy;
-  std::vector<GpFactor> factors;
+  std::vector<QueryFactor> factors;
   EvaluatorStatistics statistics;
 };
 
@@ -128,11 +128,12 @@ double ReferenceReturn(const Fixture& f, const double* theta, StreamKey key, std
     x[3] = MlpReference(shape, theta, input_scale.data(), task.action_limits.data(), x)[0];
     const auto z = NormalPairReference({0, step, rollout, 0}, key);
     for (int e = 0; e < 2; ++e) {
-      const GpQueryReference q = QueryReference(f.factors[e], x);
+      const GpQueryReference q = QueryReference(std::get<GpFactor>(f.factors[e]), x);
       if (options.use_variance) {
-        state[e] = TransitionReference(state[e], q.mean, std::max(q.variance, 0.0L),
-                                       options.predict_noise ? f.factors[e].noise_variance : 0,
-                                       z[e], options.sample_clamp);
+        state[e] = TransitionReference(
+            state[e], q.mean, std::max(q.variance, 0.0L),
+            options.predict_noise ? std::get<GpFactor>(f.factors[e]).noise_variance : 0, z[e],
+            options.sample_clamp);
       } else {
         state[e] += static_cast<double>(q.mean);
       }
@@ -215,7 +216,8 @@ TEST_CASE("evaluator: rollouts of one candidate differ, and so do candidates wit
 
 TEST_CASE("evaluator: a diverged rollout gets the penalty and is counted") {
   Fixture f(40);
-  f.factors[0].weights.assign(f.factors[0].weights.size(), 1e7);
+  auto& weights = std::get<GpFactor>(f.factors[0]).weights;
+  weights.assign(weights.size(), 1e7);
   const auto returns = f.Returns(25, 1, {});
   std::int64_t diverged = 0;
   for (const double r : returns) {
@@ -231,7 +233,7 @@ TEST_CASE("evaluator: counts rollouts, queries and lanes") {
   f.Returns(25, 2, {});
   CHECK(f.statistics.rollouts == 50);
   CHECK(f.statistics.gp_queries == 50 * 6 * 2);
-  CHECK(f.statistics.lanes == 3 * kTileLanes);
+  CHECK(f.statistics.lanes == 2 * kTileLanes);
 }
 
 TEST_CASE("evaluator: a second batch of the same size does not allocate") {
@@ -254,7 +256,7 @@ TEST_CASE("evaluator: sizes that disagree are refused") {
   EvaluatorOptions no_threads;
   no_threads.threads = 0;
   CHECK_THROWS_AS(Evaluator(f.task, *f.policy, f.factors, no_threads), InvalidInput);
-  const std::vector<GpFactor> one(f.factors.begin(), f.factors.begin() + 1);
+  const std::vector<QueryFactor> one(f.factors.begin(), f.factors.begin() + 1);
   CHECK_THROWS_AS(Evaluator(f.task, *f.policy, one, {}), InvalidInput);
   Evaluator evaluator(f.task, *f.policy, f.factors, {});
   std::vector<double> theta(f.policy->n_parameters()), returns(1), none;

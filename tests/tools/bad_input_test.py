@@ -143,7 +143,7 @@ def checkpoints():
             ("truncated", original[:middle], "truncated"),
             ("empty", "", "JSON"),
             ("corrupted", flipped, "checksum"),
-            ("future", original.replace('"version":2', '"version":99'), "99")]:
+            ("future", original.replace('"version":3', '"version":99'), "99")]:
         damaged = copy_of_run(name)
         (damaged / "checkpoint.json").write_text(text)
         refuse(f"checkpoint: {name}", ["learn", "--resume", damaged, "--episodes", "5"],

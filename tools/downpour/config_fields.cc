@@ -71,6 +71,18 @@ std::vector<Field> RunFields(RunConfig& config) {
        .min = 1,
        .max = 100000,
        .description = "Likelihood evaluations a start may take."},
+      {.key = "model.tolerance",
+       .option = "--tolerance",
+       .target = &learner.plan.variance_tolerance,
+       .min = 0,
+       .max = 1,
+       .description = "Error that a query's variance may have, a share of it; 0: exact fp64."},
+      {.key = "model.mean_tolerance",
+       .option = "",
+       .target = &learner.plan.mean_tolerance,
+       .min = 0,
+       .max = 1,
+       .description = "Error that a query's mean may have, in standard deviations; 0: exact fp64."},
   };
 }
 

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <Eigen/Core>
+#include <variant>
+
+#include "engine/gp/gp_model.h"
+#include "kernels/gp_query/gp_query.h"
+
+namespace downpour {
+
+// Largest error of a query that a plan may make, against the exact fp64 posterior.
+struct QueryPlanOptions {
+  // |variance error| / (variance + noise variance); [0, 1], 0: exact fp64.
+  double variance_tolerance = 0.02;
+  // |mean error| / sqrt(variance + noise variance); [0, 1], 0: exact fp64.
+  double mean_tolerance = 0.05;
+};
+
+// Worst errors over some inputs, in the units of QueryPlanOptions; infinite where an answer is NaN.
+struct PlanErrors {
+  double variance = 0;
+  double mean = 0;
+};
+
+// A posterior in either precision.
+using QueryFactor = std::variant<GpFactor, GpFactor32>;
+
+// How one output's queries are answered.
+struct OutputPlan {
+  bool compressed = false;
+  bool single_precision = false;
+  int n = 0;                 // training points
+  int points = 0;            // points of the factor; n unless compressed
+  double tau = 0;            // of the compression (Compression::PointsFor), 0 unless compressed
+  PlanErrors probe_errors;   // measured on the probes; 0 for exact fp64
+  double relative_cost = 1;  // modelled cost of a query, exact fp64 = 1
+  QueryFactor factor;
+};
+
+// Modelled cost of one query of mean and variance by m points, in fp64 FMA slots a lane.
+double QueryCost(int points, int dim, bool single_precision);
+
+// The cheapest (QueryCost) of {exact, compressed} x {fp64, fp32} whose errors on the probes are at
+// most half of both tolerances, so that errors on other inputs of the same kind stay under the
+// tolerances themselves: with probes from training and 140 rollouts (94 outputs of 30 cart-pole and
+// pendulum models), the worst on 98,000 fresh inputs each was 0.66 of the variance's tolerance and
+// 0.81 of the mean's. Compressions with tau from 1 down to 1e-4 are tried, filled up to whole
+// blocks of the kernel's rows.
+//   probes   rows x D: training inputs and inputs met by rollouts, whose spread counts; of more
+//            than 2048 every k-th is used. No probes: exact fp64.
+// Throws InvalidInput for options out of range, probes of another dimension or not finite ones.
+// Deterministic, thread-safe, allocates; O(n^3) and some 10 ms an output at n = 320.
+OutputPlan ChoosePlan(const ExactGp& exact, const Eigen::MatrixXd& probes,
+                      const QueryPlanOptions& options);
+
+// Worst errors of a plan's factor on `inputs` (rows x D), all of them; `exact` is ExactGp::Pack()
+// of the model. For the check during a search: where they are above the tolerances, choose again
+// with these inputs among the probes. Throws as ChoosePlan. Thread-safe, allocates scratch only.
+PlanErrors MeasurePlan(const OutputPlan& plan, const GpFactor& exact,
+                       const Eigen::MatrixXd& inputs);
+
+}  // namespace downpour

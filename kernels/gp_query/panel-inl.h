@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: Apache-2.0
+
+// The inner loop of W e for one panel of the packed triangle, in Highway's current target.
+#if defined(DOWNPOUR_PANEL_INL_H_) == defined(HWY_TARGET_TOGGLE)
+#ifdef DOWNPOUR_PANEL_INL_H_
+#undef DOWNPOUR_PANEL_INL_H_
+#else
+#define DOWNPOUR_PANEL_INL_H_
+#endif
+
+#include "hwy/highway.h"
+#include "kernels/gp_query/triangle_layout.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace downpour {
+namespace HWY_NAMESPACE {
+namespace hn = hwy::HWY_NAMESPACE;
+
+// 32 registers hold eight rows of three vectors and their operands, 16 hold four. One vector alone
+// needs eight rows to hide the latency of the multiply-add.
+constexpr bool kManyRegisters = HWY_MAX_BYTES >= 64;
+template <int kWidth>
+constexpr int kRows = kManyRegisters || kWidth == 1 ? 8 : 4;
+
+// Adds a panel's n_columns columns to its rows of W e, and the rows' squares to the norm once they
+// are complete. Meanwhile fetches a line at every fetch_step elements from `fetch` on.
+template <int kWidth, typename T>
+HWY_INLINE void AddPanel(const T* HWY_RESTRICT w, int n_columns, bool begins_rows, bool ends_rows,
+                         const T* fetch, int fetch_step, const T* HWY_RESTRICT e,
+                         T* HWY_RESTRICT rows, T* HWY_RESTRICT norm) {
+  const hn::ScalableTag<T> d;
+  using V = hn::Vec<decltype(d)>;
+  const size_t lanes = hn::Lanes(d);
+  for (int part = 0; part < kRowBlock; part += kRows<kWidth>) {
+    V row[kRows<kWidth>][kWidth];
+    T* HWY_RESTRICT kept = rows + part * kWidth * lanes;
+    for (int r = 0; r < kRows<kWidth>; ++r) {
+      for (int v = 0; v < kWidth; ++v) {
+        row[r][v] = begins_rows ? hn::Zero(d) : hn::Load(d, kept + (r * kWidth + v) * lanes);
+      }
+    }
+    const T* HWY_RESTRICT wj = w + part;
+    const T* HWY_RESTRICT ej = e;
+    const T* next = fetch;
+    for (int j = 0; j < n_columns; ++j) {
+      // The panel itself into the first-level cache 1 KiB ahead, what follows into the second.
+      __builtin_prefetch(wj + 1024 / sizeof(T), 0, 3);
+      __builtin_prefetch(next, 0, 2);
+      V c[kWidth];
+      for (int v = 0; v < kWidth; ++v) c[v] = hn::Load(d, ej + v * lanes);
+      HWY_UNROLL(8) for (int r = 0; r < kRows<kWidth>; ++r) {
+        const V wr = hn::Set(d, wj[r]);
+        for (int v = 0; v < kWidth; ++v) row[r][v] = hn::MulAdd(wr, c[v], row[r][v]);
+      }
+      wj += kRowBlock;
+      next += fetch_step;
+      ej += kWidth * lanes;
+    }
+    for (int v = 0; v < kWidth; ++v) {
+      if (ends_rows) {
+        V sum = hn::Load(d, norm + v * lanes);
+        for (int r = 0; r < kRows<kWidth>; ++r) sum = hn::MulAdd(row[r][v], row[r][v], sum);
+        hn::Store(sum, d, norm + v * lanes);
+      } else {
+        for (int r = 0; r < kRows<kWidth>; ++r) {
+          hn::Store(row[r][v], d, kept + (r * kWidth + v) * lanes);
+        }
+      }
+    }
+  }
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace downpour
+HWY_AFTER_NAMESPACE();
+
+#endif  // DOWNPOUR_PANEL_INL_H_

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <cstddef>
+
+namespace downpour {
+
+// Order of a packed lower triangle in memory: the order in which GpQueryTile reads it. Bands of
+// kChunkSide rows are cut into chunks of kChunkSide columns, a chunk into panels of kRowBlock rows.
+// A panel holds its columns up to its last row, column by column, kRowBlock values each.
+inline constexpr int kRowBlock = 8;
+// What three vectors of lanes need beside a chunk (128 x 24 doubles) stays in the first-level cache
+// for all of its panels, and a chunk with its rows of sums in the second.
+inline constexpr int kChunkSide = 128;
+
+struct TriangleChunk {
+  std::size_t offset;  // of its first panel
+  std::size_t size;    // elements
+  int row, end_row;    // multiples of kRowBlock
+  int column;
+
+  // Columns of the panel whose first row is `panel_row`.
+  int Columns(int panel_row) const {
+    const int left = panel_row + kRowBlock - column;
+    return left < kChunkSide ? left : kChunkSide;
+  }
+};
+
+// Calls body(chunk) for the chunks of an n x n triangle in order; n is a multiple of kRowBlock.
+template <typename Body>
+inline void ForEachChunk(int n, const Body& body) {
+  std::size_t offset = 0;
+  for (int band = 0; band < n; band += kChunkSide) {
+    const int end_row = band + kChunkSide < n ? band + kChunkSide : n;
+    for (int column = 0; column <= band; column += kChunkSide) {
+      TriangleChunk chunk{offset, 0, band, end_row, column};
+      for (int row = band; row < end_row; row += kRowBlock) {
+        chunk.size += static_cast<std::size_t>(kRowBlock) * chunk.Columns(row);
+      }
+      body(chunk);
+      offset += chunk.size;
+    }
+  }
+}
+
+}  // namespace downpour

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "kernels/gp_query/gp_query.h"
+#include "tests/kernels/each_target.h"
+#include "tests/kernels/gp_query_cases.h"
+
+namespace downpour {
+namespace {
+
+// A factor whose mean is 2^-(x^2) of the one input x, x^2 rounded to T.
+template <typename T>
+GpFactorT<T> PowerFactor() {
+  const double input = 0, lengthscale = 1, weight = 1, inverse = 0;
+  auto factor = PackGpFactorT<T>(1, 1, &input, &lengthscale, 1.0, 1.0, &weight, &inverse);
+  factor.scale[0] = 1;
+  return factor;
+}
+
+TEST_CASE_TEMPLATE("gp_query: the power is within 1.2 ulp over its whole range", T, double, float) {
+  const auto factor = PowerFactor<T>();
+  const double last = std::sqrt(1.0 - std::numeric_limits<T>::min_exponent);  // 2^-last^2 is normal
+  TestNumbers random(1);
+  double worst = 0;
+  constexpr int kTiles = 1000;
+  for (int tile = 0; tile < kTiles; ++tile) {
+    AlignedVector<double> x(kTileLanes);
+    for (int lane = 0; lane < kTileLanes; ++lane) {
+      x[lane] = static_cast<T>(last * (tile + 0.5 + 0.5 * random()) / kTiles);
+    }
+    ForEachTarget([&](const char*) {
+      const TileResult got = Query(factor, x);
+      for (int lane = 0; lane < kTileLanes; ++lane) {
+        const T s = static_cast<T>(x[lane]) * static_cast<T>(x[lane]);
+        const long double want = std::exp2(-static_cast<long double>(s));
+        const long double ulp =
+            std::exp2(std::floor(std::log2(want))) * std::numeric_limits<T>::epsilon();
+        worst = std::max(worst, static_cast<double>(std::abs(got.mean[lane] - want) / ulp));
+      }
+    });
+  }
+  CHECK(worst <= 1.2);
+}
+
+TEST_CASE_TEMPLATE("gp_query: the power is exactly 1 at 0 and exactly 0 beyond its range", T,
+                   double, float) {
+  const auto factor = PowerFactor<T>();
+  const double first_zero = 0.5 + 1 - std::numeric_limits<T>::min_exponent;
+  ForEachTarget([&](const char* target) {
+    CAPTURE(target);
+    AlignedVector<double> x(kTileLanes);
+    for (int lane = 1; lane < kTileLanes; ++lane) {
+      x[lane] = std::sqrt(first_zero) * (1 + 1e-6) * std::exp(lane - 1.0);
+    }
+    const TileResult got = Query(factor, x);
+    CHECK(got.mean[0] == 1);
+    for (int lane = 1; lane < kTileLanes; ++lane) CHECK(got.mean[lane] == 0);
+  });
+}
+
+}  // namespace
+}  // namespace downpour
