@@ -4,7 +4,7 @@
 // take turns, so that a factor has left the nearer caches when its turn comes again. Names:
 // variant/n/D/lanes.
 // Counters, work counted as n (n + 8) operations a query: ns_per_query, queries_per_s, gflops, and
-// peak_fraction of the multiply-add peak of the same precision, measured between the runs. On a
+// peak_fraction of the multiply-add peak of the same precision, measured around each run. On a
 // shared machine take the best of interleaved repetitions:
 //   gp_query_bench --benchmark_repetitions=9 --benchmark_enable_random_interleaving=true
 //                  --benchmark_filter=/320/6/
@@ -12,8 +12,7 @@
 #include <cblas.h>
 
 #include <Eigen/Dense>
-#include <algorithm>
-#include <cmath>
+#include <chrono>
 #include <map>
 #include <memory>
 #include <string>
@@ -100,25 +99,27 @@ const Models& ModelsOf(int n, int dim) {
   return all.try_emplace({n, dim}, n, dim).first->second;
 }
 
-// Highest peak seen so far; each run measures again.
+// Time of a run, and the multiply-add peak around it (mean of before and after): the clock of a
+// shared machine changes by a fifth within seconds. Starts at its construction.
 template <typename T>
-double Peak() {
-  static double peak = 0;
-  peak = std::max(peak, FmaPeakGflops(sizeof(T) == 4, 0.01));
-  return peak;
-}
+class Run {
+ public:
+  void Report(benchmark::State& state, int n, int lanes) const {
+    const double seconds = std::chrono::duration<double>(Clock::now() - start_).count();
+    const double queries = static_cast<double>(state.iterations()) * lanes;
+    const double gflops = queries * n * (n + 8.0) * 1e-9 / seconds;
+    state.counters["ns_per_query"] = seconds / queries * 1e9;
+    state.counters["queries_per_s"] = queries / seconds;
+    state.counters["gflops"] = gflops;
+    state.counters["peak_fraction"] = gflops / (0.5 * (peak_before_ + Peak()));
+  }
 
-template <typename T>
-void Report(benchmark::State& state, int n, int lanes) {
-  using benchmark::Counter;
-  const double queries = static_cast<double>(state.iterations()) * lanes;
-  const double gflop = queries * n * (n + 8.0) * 1e-9;
-  const auto inverted_rate = Counter::kIsRate | Counter::kInvert;
-  state.counters["ns_per_query"] = Counter(queries * 1e-9, inverted_rate);
-  state.counters["queries_per_s"] = Counter(queries, Counter::kIsRate);
-  state.counters["gflops"] = Counter(gflop, Counter::kIsRate);
-  state.counters["peak_fraction"] = Counter(gflop / Peak<T>(), Counter::kIsRate);
-}
+ private:
+  using Clock = std::chrono::steady_clock;
+  static double Peak() { return FmaPeakGflops(sizeof(T) == 4, 0.003); }
+  double peak_before_ = Peak();
+  Clock::time_point start_ = Clock::now();
+};
 
 template <typename T>
 void Tile(benchmark::State& state, int n, int dim, int lanes, bool variance) {
@@ -126,19 +127,21 @@ void Tile(benchmark::State& state, int n, int dim, int lanes, bool variance) {
   AlignedVector<char> scratch(GpQueryScratchBytes(m.Factor<T>(0)));
   AlignedVector<double> means(kTileLanes), variances(kTileLanes);
   int output = 0;
+  const Run<T> run;
   for (auto _ : state) {
     GpQueryTile(m.Factor<T>(output), lanes, m.x.data(), scratch.data(), means.data(),
                 variance ? variances.data() : nullptr);
     benchmark::ClobberMemory();
     output = (output + 1) % kOutputs;
   }
-  Report<T>(state, n, lanes);
+  run.Report(state, n, lanes);
 }
 
 void PerQuery(benchmark::State& state, int n, int dim) {
   const Models& m = ModelsOf(n, dim);
   double mean = 0, variance = 0;
   int count = 0;
+  const Run<double> run;
   for (auto _ : state) {
     const int lane = count / kOutputs % kTileLanes, output = count % kOutputs;
     m.per_query[output]->Query(m.queries.col(lane).data(), &mean, &variance);
@@ -146,7 +149,7 @@ void PerQuery(benchmark::State& state, int n, int dim) {
     benchmark::DoNotOptimize(variance);
     ++count;
   }
-  Report<double>(state, n, 1);
+  run.Report(state, n, 1);
 }
 
 enum class BlasCall { kGemm, kTrmm, kTrsm };
@@ -190,6 +193,7 @@ void Blas(benchmark::State& state, int n, int dim, BlasCall call) {
   Eigen::Matrix<T, 1, Eigen::Dynamic> norms(kBlasBatch);
   AlignedVector<char> scratch(GpQueryScratchBytes(factor));
   AlignedVector<double> means(kTileLanes);
+  const Run<T> run;
   for (auto _ : state) {
     for (int first = 0; first < kBlasBatch; first += kTileLanes) {
       GpQueryTile(factor, kTileLanes, m.x.data(), scratch.data(), means.data(), nullptr);
@@ -199,7 +203,7 @@ void Blas(benchmark::State& state, int n, int dim, BlasCall call) {
     norms = v.colwise().squaredNorm();
     benchmark::ClobberMemory();
   }
-  Report<T>(state, n, kBlasBatch);
+  run.Report(state, n, kBlasBatch);
 }
 
 void RegisterAll() {
