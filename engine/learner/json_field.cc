@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "engine/learner/json_field.h"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -25,8 +26,8 @@ nlohmann::json ParseJson(std::string_view text, const std::string& file) {
   } catch (const nlohmann::json::parse_error& error) {
     const bool truncated = error.byte > text.size();
     throw InvalidInput(file + ": " + (truncated ? "truncated" : "corrupted") + " at byte " +
-                       std::to_string(error.byte) + " of " + std::to_string(text.size()) +
-                       ": must be one whole JSON object");
+                       std::to_string(std::min(error.byte, text.size())) + " of " +
+                       std::to_string(text.size()) + ": must be one whole JSON object");
   } catch (const nlohmann::json::out_of_range&) {
     throw InvalidInput(file + ": a number is beyond the range of a double: must be finite");
   }

@@ -212,7 +212,9 @@ Learner::Learner(Task task, LearnerOptions options, LearnerState state)
   options_.rollout.threads = options_.threads == 0 ? omp_get_num_procs() : options_.threads;
   options_.search.threads = options_.rollout.threads;
   policy_ = MakeNeuralNetworkPolicy(task_, options_.hidden_units);
-  CheckPolicySearchOptions(options_.search, std::vector<double>(policy_->n_parameters(), 0.0));
+  const std::vector<double> origin(policy_->n_parameters(), 0.0);
+  CheckPolicySearchOptions(options_.search, origin);
+  CheckSearchBudget(options_.search, origin, options_.seed, options_.random_episodes + 1);
   CheckState(task_, options_, policy_->n_parameters(), state_);
   system_ = task_.make_system();
 }

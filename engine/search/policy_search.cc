@@ -49,6 +49,9 @@ class PolicySearch {
                std::uint64_t seed, std::uint32_t episode, const BatchObjective& objective,
                const std::atomic<bool>* stop);
 
+  // Counts the next generation; false if `share` of the budget has no room for it. Throws
+  // InvalidInput if it is the first one.
+  bool PlanGeneration(double share);
   // One generation of every run; false, nothing done, if `share` of the budget has no room for it.
   bool RunGeneration(double share);
   // Ends all runs and goes on with the best `n_runs`, each with at least so many rollouts.
@@ -61,7 +64,6 @@ class PolicySearch {
   SearchRun NewRun();
   SearchRun NextRun();
   std::int64_t ComparisonReserve() const;
-  void PlanGeneration();
   void SummariseGeneration();
   void EndStoppedRuns();
   void EndRun(SearchRun run, std::string stop);
@@ -162,17 +164,6 @@ SearchRun PolicySearch::NextRun() {
   return run;
 }
 
-// Lays out the batch of the next generation.
-void PolicySearch::PlanGeneration() {
-  batch_.n_candidates = batch_.n_returns = 0;
-  for (SearchRun& run : runs_) run.Plan(&batch_);
-  batch_.parameters.resize(batch_.n_candidates * dimension_);
-  batch_.keys.resize(batch_.n_candidates);
-  batch_.n_rollouts.resize(batch_.n_candidates);
-  batch_.first_rollout.assign(batch_.n_candidates, 0);
-  batch_.returns.resize(batch_.n_returns);
-}
-
 // What the comparisons that are still to come may cost at most: the start and every run so far take
 // part in the final one, whose winner is evaluated again.
 std::int64_t PolicySearch::ComparisonReserve() const {
@@ -182,20 +173,33 @@ std::int64_t PolicySearch::ComparisonReserve() const {
          promotions * FinalComparisonCost(n_runs, promotion_rollouts_);
 }
 
-bool PolicySearch::RunGeneration(double share) {
-  if (stop_ != nullptr && stop_->load()) throw Interrupted();
-  PlanGeneration();
+bool PolicySearch::PlanGeneration(double share) {
+  batch_.n_candidates = batch_.n_returns = 0;
+  for (SearchRun& run : runs_) run.Plan(&batch_);
   const auto batch_size = static_cast<std::int64_t>(batch_.n_returns);
   const std::int64_t reserve = ComparisonReserve();
   const double available = static_cast<double>(options_.evaluations - reserve);
   if (static_cast<double>(evaluations_ + batch_size) > share * available) {
     if (evaluations_ > 0) return false;
     const double needed = static_cast<double>(reserve) + static_cast<double>(batch_size) / share;
-    throw InvalidInput("search.evaluations = " + std::to_string(options_.evaluations) +
-                       ": must be at least " +
-                       std::to_string(static_cast<std::int64_t>(std::ceil(needed))) +
-                       ", for one generation and the final comparison");
+    throw InvalidInput(
+        "search.evaluations = " + std::to_string(options_.evaluations) + ": must be at least " +
+        std::to_string(static_cast<std::int64_t>(std::ceil(needed))) +
+        ", for one generation of search.population = " + std::to_string(population_) +
+        " with search.rollouts = " + std::to_string(options_.rollouts) +
+        " and the final comparison");
   }
+  return true;
+}
+
+bool PolicySearch::RunGeneration(double share) {
+  if (stop_ != nullptr && stop_->load()) throw Interrupted();
+  if (!PlanGeneration(share)) return false;
+  batch_.parameters.resize(batch_.n_candidates * dimension_);
+  batch_.keys.resize(batch_.n_candidates);
+  batch_.n_rollouts.resize(batch_.n_candidates);
+  batch_.first_rollout.assign(batch_.n_candidates, 0);
+  batch_.returns.resize(batch_.n_returns);
   const int n_runs = static_cast<int>(runs_.size());
   const auto run = [this](int i) -> SearchRun& { return runs_[static_cast<std::size_t>(i)]; };
   ParallelFor(n_runs, options_.threads, [&](int i) { run(i).Ask(&batch_); });
@@ -203,7 +207,7 @@ bool PolicySearch::RunGeneration(double share) {
               batch_.n_rollouts, batch_.first_rollout},
              batch_.returns);
   ParallelFor(n_runs, options_.threads, [&](int i) { run(i).Tell(batch_); });
-  evaluations_ += batch_size;
+  evaluations_ += static_cast<std::int64_t>(batch_.n_returns);
   SummariseGeneration();
   for (const SearchRun& told : runs_) {
     if (!told.promoted()) scheduler_.Add(told.plan(), told.n_returns());
@@ -331,6 +335,12 @@ PolicySearchProgress PolicySearch::Progress() const {
 }
 
 }  // namespace
+
+void CheckSearchBudget(const PolicySearchOptions& options, std::span<const double> start,
+                       std::uint64_t seed, std::uint32_t episode) {
+  const BatchObjective none;
+  PolicySearch(options, start, seed, episode, none, nullptr).PlanGeneration(options.exploration);
+}
 
 PolicySearchResult SearchPolicy(const PolicySearchOptions& options, std::span<const double> start,
                                 std::uint64_t seed, std::uint32_t episode,

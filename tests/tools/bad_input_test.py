@@ -42,7 +42,15 @@ def command_line():
     refuse("no command", [], "subcommand", "--help")
     refuse("unknown command", ["lern"], "lern", "did you mean learn?")
     refuse("no task", ["learn"], "task", "pendulum, cartpole")
-    refuse("unknown task", ["learn", "pendulim"], "pendulim", "pendulum, cartpole")
+    refuse("unknown task", ["learn", "pendulim"], "pendulim", "pendulum, cartpole",
+           "did you mean pendulum?")
+    refuse("a misspelt preset", ["learn", "pendulum", "--preset", "papr"], "did you mean paper?")
+    for option in ("--config", "--out", "--resume", "--mjcf"):
+        refuse(f'{option} ""', ["learn", "pendulum", option, ""], option, "must not be empty")
+    refuse('learn ""', ["learn", ""], "TASK", "must not be empty")
+    refuse('evaluate ""', ["evaluate", ""], "RUN", "must not be empty")
+    refuse("--set task= of another task", ["learn", "pendulum", "--set", "task=cartpole"],
+           "TASK: task = pendulum: must be cartpole, as --set has it")
     refuse("unknown option", ["learn", "pendulum", "--episods", "3"], "--episods", "--episodes?")
     refuse("unknown option of evaluate", ["evaluate", run, "--start", "3"], "--start", "--starts?")
     refuse("extra argument", ["learn", "pendulum", "more"], "more")
@@ -53,6 +61,13 @@ def command_line():
            "--set", "search.evalutions", "did you mean search.evaluations?")
     refuse("unknown key far from any", ["learn", "pendulum", "--set", "x.y=1"], "x.y", "allowed: ",
            "learn.seed", "rollout.variance")
+    refuse("unknown key of a known table", ["learn", "pendulum", "--set", "search.x=1"],
+           "search.x; the closest is search.")
+    refuse("key without its table", ["learn", "pendulum", "--set", "episodes=3"],
+           "did you mean learn.episodes?")
+    refuse("spaces round a key and its value",
+           ["learn", "pendulum", "--set", " search.rollouts = 0 "],
+           "--set: search.rollouts = 0: must be")
     for option, key, value, allowed in [
             ("--episodes", "learn.episodes", "nan", "an integer in [2, 1000]"),
             ("--episodes", "learn.episodes", "0", "an integer in [2, 1000]"),
@@ -71,6 +86,10 @@ def command_line():
                f"{key} = {value}: must be ", allowed)
     refuse("a population of one", ["learn", "pendulum", "--population", "1"], "search.population",
            "[2, 100000]")
+    refuse("a search that its budget does not hold",
+           ["learn", "pendulum", "--population", "100000", "--rollouts", "10000"],
+           "search.evaluations = 300000: must be at least", "search.population = 100000",
+           "search.rollouts = 10000")
     refuse("as many random episodes as episodes",
            ["learn", "pendulum", "--episodes", "2", "--random-episodes", "2"],
            "learn.random_episodes = 2: must be less than learn.episodes = 2")
@@ -110,6 +129,8 @@ def config_files():
                           ("uncertainty = 1", "one of off, sigma, rollouts")]:
         refuse_text(f"TOML: {line}", f"[search]\n{line}\n", ":2: ", f"search.{line}: must be ",
                     allowed)
+    refuse_text("a file of another task", "task = 'cartpole'\n", "TASK: task = pendulum: must be ",
+                "cartpole, as", ":1 has it")
     refuse_text("TOML: variance = 1", "[rollout]\nvariance = 1\n", "true or false")
     refuse_text("TOML: mjcf = 3", "mjcf = 3\n", ":1: mjcf = 3: must be a string")
 
@@ -140,7 +161,7 @@ def checkpoints():
     if flipped == original:  # a 5 stays itself
         flipped = original[:digit] + "6" + original[digit + 1:]
     for name, text, word in [
-            ("truncated", original[:middle], "truncated"),
+            ("truncated", original[:middle], f"truncated at byte {middle} of {middle}:"),
             ("empty", "", "JSON"),
             ("corrupted", flipped, "checksum"),
             ("future", original.replace('"version":3', '"version":99'), "99")]:

@@ -27,7 +27,7 @@ def file_size_limit():
                  "File too large" in result.stderr and str(run) in result.stderr, result)
     claims.check("the line says what is kept and how to go on",
                  f"episodes 1 to 2 are kept in {run}" in result.stderr and
-                 f"downpour learn --resume {run}" in result.stderr, result.stderr)
+                 f"go on with: {PROGRAM} learn --resume {run}" in result.stderr, result.stderr)
     resumed = downpour("learn", "--resume", run, "--quiet")
     claims.check("resumed with room, it ends as if nothing had been",
                  resumed.returncode == 0 and results(run) == results(reference), resumed.stderr)

@@ -43,8 +43,8 @@ def plain_output():
     claims.check("the table has a header and one line an episode",
                  len(lines) == 5 and lines[0].split()[0] == "episode" and
                  [line.split()[0] for line in lines[1:]] == ["1", "2", "3", "4"], result.stdout)
-    claims.check("the table's lines are of one width, 100 columns at most",
-                 len({len(line) for line in lines}) == 1 and len(lines[0]) <= 100, result.stdout)
+    claims.check("the table's lines are of one width, less than 80 columns",
+                 len({len(line) for line in lines}) == 1 and len(lines[0]) < 80, result.stdout)
     claims.check("no control characters when the output is no terminal",
                  all(c.isprintable() or c == "\n" for c in result.stdout + result.stderr))
     claims.check("the last line says how it ended and where the files are",
@@ -147,6 +147,9 @@ def other_commands():
     help_text = downpour("learn", "--help").stdout
     claims.check("learn --help: --no-variance says what it does",
                  "Use means only (the paper's No Var)." in " ".join(help_text.split()), help_text)
+    claims.check("learn --help and evaluate --help: the options' defaults",
+                 "(default 300000)" in help_text and "(default paper)" in help_text and
+                 "(default 100)" in downpour("evaluate", "--help").stdout, help_text)
     listing = downpour("tasks").stdout
     claims.check("tasks: every task with its units",
                  all(word in listing for word in ("pendulum", "cartpole", "[rad/s]", "[N m]")))

@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import shlex
 import signal
 import subprocess
 import time
@@ -69,7 +70,7 @@ def interrupt(number):
     """Ctrl-C in the search of episode 3."""
     name = number.name
     options = ["--episodes", "3", "--evaluations", "20000", "--threads", "2"]
-    run = scratch / name
+    run = scratch / f"it's a run, {name}"
     process = subprocess.Popen([PROGRAM, "learn", "pendulum", "--out", run, *options],
                                stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     for line in process.stderr:
@@ -82,11 +83,13 @@ def interrupt(number):
                  process.returncode)
     claims.check(f"{name}: says what is kept and how to go on",
                  last == f"downpour: interrupted; episodes 1 to 2 are kept in {run}; "
-                 f"go on with: downpour learn --resume {run}", error)
+                 f"go on with: {shlex.join([PROGRAM])} learn --resume '" +
+                 str(run).replace("'", "'\\''") + "'", error)
     claims.check(f"{name}: the finished episodes were reported", len(output.splitlines()) == 3,
                  output)
-    resumed = downpour("learn", "--resume", run, "--json")
-    claims.check(f"{name}: goes on with the next episode",
+    pasted = last.split("go on with: ")[1] + " --json"
+    resumed = subprocess.run(pasted, shell=True, capture_output=True, text=True)
+    claims.check(f"{name}: pasted into a shell, the line goes on with the next episode",
                  resumed.returncode == 0 and resumed.stdout.startswith('{"episode":3,') and
                  len(resumed.stdout.splitlines()) == 1, resumed)
     reference = scratch / f"{name}-reference"
@@ -110,7 +113,8 @@ def more_episodes():
                  "\nepisodes = 4\n" in (run / "config.toml").read_text())
     again = downpour("learn", "--resume", run)
     claims.check("a run that is done stays as it is", again.returncode == 0 and
-                 again.stdout == "" and results(run)["episodes.csv"] == expected["episodes.csv"],
+                 again.stdout == "" and again.stderr.startswith(
+                     f"{run} already has 4 episodes; --episodes M for more\n") and results(run)["episodes.csv"] == expected["episodes.csv"],
                  again)
 
 

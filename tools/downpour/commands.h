@@ -20,7 +20,8 @@ class RunInterrupted : public std::runtime_error {
 
 // Each adds one subcommand, which runs while the command line is parsed and throws the exceptions
 // of engine/errors.h.
-void AddLearnCommand(CLI::App* app);
+// `program` is the program as typed, for the command that goes on with a stopped run.
+void AddLearnCommand(CLI::App* app, const std::string& program);
 void AddEvaluateCommand(CLI::App* app);
 void AddTasksCommand(CLI::App* app);
 void AddDoctorCommand(CLI::App* app);

@@ -20,15 +20,32 @@
 namespace downpour {
 namespace {
 
+// "search.rollouts" -> "search"
+std::string TableOf(const std::string& key) {
+  return key.substr(0, std::min(key.find('.'), key.size()));
+}
+
+// What to tell a user who wrote an unknown key.
+std::string SuggestKey(const std::vector<Field>& fields, const std::string& key) {
+  std::vector<std::string> keys, of_table;
+  for (const Field& field : fields) {
+    if (field.key.ends_with('.' + key.substr(key.rfind('.') + 1))) {
+      return fmt::format("did you mean {}?", field.key);  // the right name in no or another table
+    }
+    keys.push_back(field.key);
+    if (key.starts_with(TableOf(field.key) + '.')) of_table.push_back(field.key);
+  }
+  if (of_table.empty() || IsSlip(key, ClosestName(key, keys))) return Suggest(key, keys);
+  return fmt::format("the closest is {}", ClosestName(key, of_table));
+}
+
 // Throws InvalidInput if there is none.
 const Field& FindField(const std::vector<Field>& fields, const std::string& origin,
                        const std::string& key) {
   const auto found = std::find_if(fields.begin(), fields.end(),
                                   [&](const Field& field) { return field.key == key; });
   if (found != fields.end()) return *found;
-  std::vector<std::string> keys;
-  for (const Field& field : fields) keys.push_back(field.key);
-  throw InvalidInput(fmt::format("{}: unknown key {}; {}", origin, key, Suggest(key, keys)));
+  throw InvalidInput(fmt::format("{}: unknown key {}; {}", origin, key, SuggestKey(fields, key)));
 }
 
 Setting FromNode(const std::string& origin, const std::string& key, const toml::node& node) {
@@ -49,7 +66,7 @@ void CheckTable(const std::vector<Field>& fields, const std::string& origin,
   std::vector<std::string> tables;
   for (const Field& field : fields) {
     if (field.key.starts_with(name + ".")) return;
-    const std::string table = field.key.substr(0, field.key.find('.'));
+    const std::string table = TableOf(field.key);
     if (table != field.key && (tables.empty() || tables.back() != table)) tables.push_back(table);
   }
   throw InvalidInput(fmt::format("{}: unknown table {}; {}", origin, name, Suggest(name, tables)));
@@ -155,6 +172,26 @@ struct TomlText {
   }
 };
 
+std::string Trimmed(const std::string& text) {
+  const std::size_t first = text.find_first_not_of(' ');
+  if (first == std::string::npos) return "";
+  return text.substr(first, text.find_last_not_of(' ') - first + 1);
+}
+
+// The settings of one task do not suit another: a run's config.toml holds the task's own bounds.
+// The settings must have been applied.
+void CheckOneTask(const std::vector<Setting>& settings) {
+  const Setting* first = nullptr;
+  for (const Setting& setting : settings) {
+    if (setting.key != "task") continue;
+    if (first == nullptr) first = &setting;
+    if (setting.value == first->value) continue;
+    throw InvalidInput(fmt::format("{}: task = {}: must be {}, as {} has it, or left out",
+                                   setting.origin, std::get<std::string>(setting.value),
+                                   std::get<std::string>(first->value), first->origin));
+  }
+}
+
 }  // namespace
 
 std::vector<Setting> ReadConfigFile(const std::string& path) {
@@ -189,27 +226,34 @@ Setting ReadSetting(const std::string& origin, const Field& field, const std::st
 
 Setting ParseAssignment(const std::string& text) {
   const std::size_t equals = text.find('=');
-  if (equals == std::string::npos || equals == 0) {
+  const std::string key = Trimmed(text.substr(0, equals));
+  if (equals == std::string::npos || key.empty()) {
     throw InvalidInput(fmt::format("--set {}: must be KEY=VALUE, e.g. search.rollouts=5", text));
   }
   RunConfig config;
   const std::vector<Field> fields = ConfigFields(config);
-  return ReadSetting("--set", FindField(fields, "--set", text.substr(0, equals)),
-                     text.substr(equals + 1));
+  return ReadSetting("--set", FindField(fields, "--set", key), Trimmed(text.substr(equals + 1)));
 }
 
 void ApplySettings(const std::vector<Field>& fields, const std::vector<Setting>& settings) {
   for (const Setting& setting : settings) {
     const Field& field = FindField(fields, setting.origin, setting.key);
     if (std::visit(Assign{field, setting}, field.target)) continue;
-    throw InvalidInput(fmt::format("{}: {} = {}: must be {}", setting.origin, setting.key,
-                                   setting.text, Allowed(field)));
+    std::string message = fmt::format("{}: {} = {}: must be {}", setting.origin, setting.key,
+                                      setting.text, Allowed(field));
+    const auto* name = std::get_if<std::string>(&setting.value);
+    if (name != nullptr && !name->empty() && !field.choices.empty()) {
+      const std::string closest = ClosestName(*name, field.choices);
+      if (IsSlip(*name, closest)) message += fmt::format("; did you mean {}?", closest);
+    }
+    throw InvalidInput(message);
   }
 }
 
 ResolvedRun ResolveConfig(const std::vector<Setting>& settings) {
   RunConfig named;
   ApplySettings(ConfigFields(named), settings);
+  CheckOneTask(settings);
   if (named.task.empty()) {
     throw InvalidInput(
         fmt::format("no task given: must be one of {}", fmt::join(TaskNames(), ", ")));
@@ -227,6 +271,8 @@ ResolvedRun ResolveConfig(const std::vector<Setting>& settings) {
   return run;
 }
 
+std::string ValueText(const Field& field) { return std::visit(TomlText{field}, field.target); }
+
 std::string WriteConfig(const RunConfig& config) {
   RunConfig copy = config;
   std::string text = "# Every setting of this run. Repeat it: downpour learn --config THIS_FILE\n";
@@ -240,7 +286,7 @@ std::string WriteConfig(const RunConfig& config) {
       text += fmt::format("\n[{}]\n", section);
     }
     text += fmt::format("# {} {}\n{} = {}\n", field.description, "Must be " + Allowed(field) + ".",
-                        name, std::visit(TomlText{field}, field.target));
+                        name, ValueText(field));
   }
   return text;
 }

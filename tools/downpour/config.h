@@ -49,6 +49,9 @@ std::vector<Field> ConfigFields(RunConfig& config);
 // What `field` accepts, e.g. "an integer in [1, 1000]".
 std::string Allowed(const Field& field);
 
+// The value of `field` as TOML, with all digits.
+std::string ValueText(const Field& field);
+
 // A value somebody gave a field, and where: "run.toml:3", "--set", "--episodes". The text is the
 // value as written; monostate is a TOML type that no field takes.
 struct Setting {
@@ -65,7 +68,7 @@ std::vector<Setting> ReadConfigFile(const std::string& path);
 // `text` for `field`, read as a TOML value where the field is no string.
 Setting ReadSetting(const std::string& origin, const Field& field, const std::string& text);
 
-// "a.b=c", the argument of --set. Throws InvalidInput.
+// "a.b=c", the argument of --set, with or without spaces round its parts. Throws InvalidInput.
 Setting ParseAssignment(const std::string& text);
 
 // Writes the settings into the members of their fields, in order. Throws InvalidInput that names
@@ -73,7 +76,7 @@ Setting ParseAssignment(const std::string& text);
 void ApplySettings(const std::vector<Field>& fields, const std::vector<Setting>& settings);
 
 // The configuration that `settings` describe, later ones overriding earlier ones and all of them
-// the task's own defaults, and its task. Throws InvalidInput.
+// the task's own defaults, and its task. Throws InvalidInput, too if two settings name two tasks.
 struct ResolvedRun {
   RunConfig config;
   Task task;

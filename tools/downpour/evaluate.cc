@@ -18,6 +18,7 @@
 #include "engine/learner/saved_policy.h"
 #include "tools/downpour/commands.h"
 #include "tools/downpour/config.h"
+#include "tools/downpour/option_help.h"
 
 namespace downpour {
 namespace {
@@ -159,15 +160,19 @@ void Evaluate(const EvaluateArguments& arguments) {
 
 void AddEvaluateCommand(CLI::App* app) {
   CLI::App* command = app->add_subcommand(
-      "evaluate", "Run a learnt policy on the simulator from many noisy starts");
+      "evaluate",
+      "Run the last policy of a run, or that of --episode, on the simulator from many noisy "
+      "starts");
   auto arguments = std::make_shared<EvaluateArguments>();
   auto settings = std::make_shared<std::vector<Setting>>();
-  command->add_option("RUN", arguments->run, "Run directory")->required();
+  command->add_option("RUN", arguments->run, "Run directory")->required()->check(NotEmpty());
   for (const Field& field : EvaluateFields(*arguments)) {
     const auto read = [settings, field](const std::string& text) {
       settings->push_back(ReadSetting(field.option, field, text));
     };
-    command->add_option_function<std::string>(field.option, read, field.description)
+    command
+        ->add_option_function<std::string>(field.option, read,
+                                           WithDefault(field.description, field))
         ->type_name("N");
   }
   command->add_flag("--json", arguments->json, "One JSON object on standard output");

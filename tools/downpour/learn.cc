@@ -11,6 +11,8 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <new>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -21,7 +23,9 @@
 #include "engine/learner/run_directory.h"
 #include "tools/downpour/commands.h"
 #include "tools/downpour/config.h"
+#include "tools/downpour/option_help.h"
 #include "tools/downpour/progress.h"
+#include "tools/downpour/shell.h"
 
 namespace downpour {
 namespace {
@@ -47,13 +51,14 @@ void InstallStopHandler() {
 
 // One option of the table of fields, as given.
 struct OptionValue {
-  const CLI::Option* option = nullptr;
+  CLI::Option* option = nullptr;
   std::string text;
   bool flag = false;
 };
 
 // The command line as given.
 struct LearnArguments {
+  std::string program;  // as typed
   std::string task;
   std::string config_file;
   std::string resume;
@@ -165,12 +170,14 @@ OpenRun ResumedRun(const LearnArguments& arguments) {
 }
 
 // "episodes 1 to 3 are kept in DIR; go on with: downpour learn --resume DIR"
-std::string KeptMessage(const LearnerState& state, const std::string& directory) {
+std::string KeptMessage(const LearnerState& state, const std::string& program,
+                        const std::string& directory) {
   const std::size_t n = state.episodes.size();
   const std::string kept = n == 0   ? "no episode was finished"
                            : n == 1 ? fmt::format("episode 1 is kept in {}", directory)
                                     : fmt::format("episodes 1 to {} are kept in {}", n, directory);
-  return fmt::format("{}; go on with: downpour learn --resume {}", kept, directory);
+  return fmt::format("{}; go on with: {} learn --resume {}", kept, ShellWord(program),
+                     ShellWord(directory));
 }
 
 void RunToTheEnd(OpenRun* run) {
@@ -194,36 +201,47 @@ void RunToTheEnd(OpenRun* run) {
 void Learn(const LearnArguments& arguments) {
   OpenRun run = arguments.resume.empty() ? NewRun(arguments) : ResumedRun(arguments);
   const std::string directory = run.directory.path().string();
+  const auto kept = [&](const LearnerState& state) {
+    return KeptMessage(state, arguments.program, directory);
+  };
   try {
     RunToTheEnd(&run);
   } catch (const Interrupted&) {
-    throw RunInterrupted("interrupted; " + KeptMessage(run.learner.state(), directory),
-                         stop_signal);
+    throw RunInterrupted("interrupted; " + kept(run.learner.state()), stop_signal);
+  } catch (const std::bad_alloc&) {
+    throw std::runtime_error("out of memory; what is finished is kept: " +
+                             kept(run.learner.state()));
   } catch (const FileError& error) {
     // The episode that could not be written is not among those kept.
-    const LearnerState kept = run.directory.ReadState(run.learner.task(), run.config.learner);
-    throw FileError(fmt::format("{}; {}", error.what(), KeptMessage(kept, directory)));
+    const LearnerState state = run.directory.ReadState(run.learner.task(), run.config.learner);
+    throw FileError(fmt::format("{}; {}", error.what(), kept(state)));
   }
 }
 
 }  // namespace
 
-void AddLearnCommand(CLI::App* app) {
+void AddLearnCommand(CLI::App* app, const std::string& program) {
   CLI::App* command = app->add_subcommand("learn", "Learn a policy for a task from scratch");
   auto arguments = std::make_shared<LearnArguments>();
-  command->add_option("TASK", arguments->task, "Task to learn; downpour tasks lists them");
+  arguments->program = program;
+  command->add_option("TASK", arguments->task, "Task to learn; downpour tasks lists them")
+      ->check(NotEmpty());
   command->add_option("--config", arguments->config_file, "TOML file of settings")
-      ->type_name("FILE");
+      ->type_name("FILE")
+      ->check(NotEmpty());
   command->add_option("--set", arguments->assignments, "One setting by its TOML key; repeatable")
       ->type_name("KEY=VALUE")
       ->allow_extra_args(false);
   command->add_option("--resume", arguments->resume, "Run directory to go on with")
-      ->type_name("RUN");
+      ->type_name("RUN")
+      ->check(NotEmpty());
   RunConfig defaults;
   for (const Field& field : ConfigFields(defaults)) {
     if (field.option.empty()) continue;
-    const std::string help = fmt::format(
-        "{} [{}]", field.option_help.empty() ? field.description : field.option_help, field.key);
+    const std::string help = WithDefault(
+        fmt::format("{} [{}]", field.option_help.empty() ? field.description : field.option_help,
+                    field.key),
+        field);
     OptionValue& value = arguments->options[field.key];
     if (std::holds_alternative<bool*>(field.target)) {
       value.option = command->add_flag(field.option, value.flag, help);
@@ -233,6 +251,7 @@ void AddLearnCommand(CLI::App* app) {
                          ->type_name(is_number               ? "N"
                                      : field.choices.empty() ? "PATH"
                                                              : "NAME");
+      if (!is_number && field.choices.empty()) value.option->check(NotEmpty());
     }
   }
   command->footer(

@@ -8,6 +8,7 @@
 #include <csignal>
 #include <cstdio>
 #include <exception>
+#include <new>
 #include <string>
 #include <vector>
 
@@ -64,7 +65,7 @@ int Run(int argc, char** argv) {
                "downpour");
   app.set_version_flag("--version", "downpour " DOWNPOUR_VERSION);
   app.require_subcommand(1);
-  AddLearnCommand(&app);
+  AddLearnCommand(&app, argv[0]);
   AddEvaluateCommand(&app);
   AddTasksCommand(&app);
   AddDoctorCommand(&app);
@@ -89,6 +90,8 @@ int Run(int argc, char** argv) {
     return Fail(error.what(), kBadInput);
   } catch (const FileError& error) {
     return Fail(error.what(), kBadInput);
+  } catch (const std::bad_alloc&) {
+    return Fail("out of memory", kOtherFailure);
   } catch (const std::exception& error) {
     return Fail(error.what(), kOtherFailure);
   }

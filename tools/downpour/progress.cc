@@ -2,6 +2,7 @@
 #include "tools/downpour/progress.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <sys/ioctl.h>
 #include <unistd.h>
 
@@ -11,6 +12,7 @@
 #include <cstdio>
 #include <cstring>
 #include <nlohmann/json.hpp>
+#include <vector>
 
 #include "engine/errors.h"
 
@@ -19,26 +21,31 @@ namespace {
 
 constexpr std::chrono::milliseconds kLivePeriod(100);
 constexpr std::chrono::seconds kPlainPeriod(5);
-constexpr const char* kRow = "{:>7} {:>7} {:>6} {:>6} {:>6} {:>9} {:>10} {:>8} {:>9} {:>6} {:>6}\n";
+// 79 columns; the count of GP queries and their rate are under one heading.
+constexpr const char* kRow = "{:>7} {:>5} {:>6} {:>5} {:>6} {:>8} {:>12} {:>9} {:>6} {:>6}\n";
 
 double Seconds(std::chrono::steady_clock::duration duration) {
   return std::chrono::duration<double>(duration).count();
 }
 
-// Three digits or so: "0.12 s", "9.3 s", "127 s".
+// Five characters at most: "0.12s", "9.3s", "127s", "2.8h".
 std::string SecondsText(double seconds) {
-  return fmt::format("{:.{}f} s", seconds, seconds < 1 ? 2 : seconds < 100 ? 1 : 0);
+  if (seconds < 9999.5) {
+    return fmt::format("{:.{}f}s", seconds, seconds < 0.995 ? 2 : seconds < 99.95 ? 1 : 0);
+  }
+  const double hours = seconds / 3600;
+  return fmt::format("{:.{}f}h", hours, hours < 99.95 ? 1 : 0);
 }
 
-// "19.2 M", "981 k"
+// Four characters at most: "9.2M", "981k".
 std::string CountText(double count) {
   const char* unit = "";
-  for (const char* next : {" k", " M", " G", " T"}) {
-    if (count < 1000) break;
+  for (const char* next : {"k", "M", "G", "T", "P"}) {
+    if (count < 999.5) break;
     count /= 1000;
     unit = next;
   }
-  return fmt::format("{:.{}f}{}", count, count < 100 && *unit != 0 ? 1 : 0, unit);
+  return fmt::format("{:.{}f}{}", count, count < 9.95 && *unit != 0 ? 1 : 0, unit);
 }
 
 // "120,032"
@@ -65,22 +72,25 @@ std::string JsonLine(const EpisodeRecord& record) {
 
 std::string TableHeader() {
   return fmt::format(kRow, "episode", "robot", "points", "model", "search", "rollouts",
-                     "GP queries", "rate", "predicted", "return", "solved");
+                     "GP queries", "predicted", "return", "solved");
 }
 
 std::string TableRow(const EpisodeRecord& record) {
-  const std::string interaction = fmt::format("{:.1f} s", record.interaction_seconds);
+  const std::string interaction = SecondsText(record.interaction_seconds);
   const std::string real_return = fmt::format("{:.2f}", record.real_return);
   const char* solved = record.solved ? "yes" : "no";
   if (record.random) {
-    return fmt::format(kRow, record.episode, interaction, "-", "-", "-", "-", "-", "-", "random",
+    return fmt::format(kRow, record.episode, interaction, "-", "-", "-", "-", "-", "random",
                        real_return, solved);
   }
   const double rate = static_cast<double>(record.gp_queries) / record.search_seconds;
   return fmt::format(kRow, record.episode, interaction, record.points,
                      SecondsText(record.model_seconds), SecondsText(record.search_seconds),
-                     Thousands(record.evaluations),
-                     CountText(static_cast<double>(record.gp_queries)), CountText(rate) + "/s",
+                     record.evaluations < 1000000
+                         ? Thousands(record.evaluations)
+                         : CountText(static_cast<double>(record.evaluations)),
+                     fmt::format("{} {:>6}", CountText(static_cast<double>(record.gp_queries)),
+                                 CountText(rate) + "/s"),
                      fmt::format("{:.2f}", record.predicted_return), real_return, solved);
 }
 
@@ -119,6 +129,14 @@ std::string Outcome(const LearnerState& state) {
                      state.episodes.size() == 1 ? "" : "s");
 }
 
+// Why a run that is resumed has nothing to do, and what would give it more.
+std::string DoneText(const Learner& learner, const std::string& directory) {
+  const std::size_t n_episodes = learner.state().episodes.size();
+  const bool all_run = n_episodes >= static_cast<std::size_t>(learner.options().episodes);
+  return fmt::format("{} already has {} episodes; {}", directory, n_episodes,
+                     all_run ? "--episodes M for more" : "--until-solved ended it");
+}
+
 // Progress that nobody can read is no reason to stop a run.
 void WriteError(const std::string& text) { std::fputs(text.c_str(), stderr); }
 
@@ -128,10 +146,30 @@ void WriteOutput(const std::string& text) {
   }
 }
 
-int TerminalWidth() {
+// Columns that a live line may take.
+std::size_t LiveWidth() {
   winsize size{};
-  if (ioctl(STDERR_FILENO, TIOCGWINSZ, &size) != 0 || size.ws_col == 0) return 80;
-  return size.ws_col;
+  int width = 80;
+  if (ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col != 0) width = size.ws_col;
+  // A line that wraps could not be replaced, nor one that the terminal adds "^C" to.
+  return static_cast<std::size_t>(std::max(width - 3, 1));
+}
+
+// `left` in any case, then as much as fits of: start, figures (the first ones first), a bar.
+std::string FittedLine(const std::string& start, double share, const std::string& left,
+                       const std::vector<std::string>& figures, std::size_t width) {
+  if (start.size() + left.size() > width) return left.substr(left.find_first_not_of(' '));
+  std::string end = left;
+  for (const std::string& figure : figures) {
+    if (start.size() + end.size() + 2 + figure.size() > width) break;
+    end += "  " + figure;
+  }
+  const std::size_t room = width - start.size() - end.size();
+  if (room < 7) return start + end;
+  const std::size_t length = std::min<std::size_t>(room - 3, 24);
+  const auto filled = static_cast<std::size_t>(std::lround(share * static_cast<double>(length)));
+  return fmt::format("{}[{}{}] {}", start, std::string(filled, '#'),
+                     std::string(length - filled, '.'), end);
 }
 
 }  // namespace
@@ -149,9 +187,7 @@ void Progress::Line(const std::string& text) {
 
 void Progress::Live(const std::string& text) {
   if (quiet_) return;
-  // A line that wraps could not be replaced, nor one that the terminal adds "^C" to.
-  const std::size_t width = static_cast<std::size_t>(std::max(TerminalWidth() - 3, 1));
-  WriteError(fmt::format("\r{}\x1b[K", text.substr(0, width)));
+  WriteError(fmt::format("\r{}\x1b[K", text.substr(0, LiveWidth())));
   live_ = true;
 }
 
@@ -172,11 +208,12 @@ void Progress::ClearLive() {
 void Progress::Start(const Learner& learner, const std::string& directory) {
   const Task& task = learner.task();
   const std::size_t n_done = learner.state().episodes.size();
+  if (learner.done()) return Line(DoneText(learner, directory));
   Line(fmt::format(
       "{} ({} preset), seed {}, {} into {}", task.name, task.preset, learner.options().seed,
       n_done == 0 ? std::string("learning") : fmt::format("going on after episode {},", n_done),
       directory));
-  if (quiet_ || json_ || learner.done()) return;
+  if (quiet_ || json_) return;
   WriteOutput(TableHeader());
 }
 
@@ -202,20 +239,15 @@ void Progress::Search(const PolicySearchProgress& progress) {
   const double share = std::min(
       1.0, static_cast<double>(progress.evaluations) / static_cast<double>(progress.budget));
   const double eta = Seconds(now - search_start_) * (1 - share) / std::max(share, 1e-6);
-  const std::string figures =
-      fmt::format("{}/{} evaluations  run {}  best {:.2f}  mean {:.2f}  {:.0f} s left",
-                  Thousands(progress.evaluations), Thousands(progress.budget),
-                  progress.runs_started, progress.best_return, progress.mean_return, eta);
-  const std::string start = fmt::format("episode {}: search", episode_);
-  if (!terminal_) return Line(fmt::format("{} {:.0f} %  {}", start, 100 * share, figures));
-  // The bar takes what room the figures leave.
-  const int room = TerminalWidth() - static_cast<int>(start.size() + figures.size()) - 12;
-  const int width = std::clamp(room, 0, 24);
-  const int filled = static_cast<int>(std::lround(share * width));
-  const std::string bar = width < 4 ? ""
-                                    : fmt::format("[{}{}] ", std::string(filled, '#'),
-                                                  std::string(width - filled, '.'));
-  Live(fmt::format("{} {}{:3.0f} %  {}", start, bar, 100 * share, figures));
+  const std::string start = fmt::format("episode {}: search ", episode_);
+  const std::string left = fmt::format("{:3.0f} %  {:.0f} s left", 100 * share, eta);
+  const std::vector<std::string> figures = {
+      fmt::format("{}/{} rollouts", Thousands(progress.evaluations), Thousands(progress.budget)),
+      fmt::format("run {}", progress.runs_started),
+      fmt::format("best {:.2f}", progress.best_return),
+      fmt::format("mean {:.2f}", progress.mean_return)};
+  if (!terminal_) return Line(fmt::format("{}{}  {}", start, left, fmt::join(figures, "  ")));
+  Live(FittedLine(start, share, left, figures, LiveWidth()));
 }
 
 void Progress::Episode(const Task& task, const EpisodeRecord& record) {

@@ -29,18 +29,21 @@ std::size_t EditDistance(const std::string& a, const std::string& b) {
 
 }  // namespace
 
-std::string Suggest(const std::string& name, const std::vector<std::string>& allowed) {
-  std::size_t closest = 0;
-  std::size_t distance = name.size();
-  for (std::size_t i = 0; i < allowed.size(); ++i) {
-    const std::size_t d = EditDistance(name, allowed[i]);
-    if (d < distance) {
-      distance = d;
-      closest = i;
-    }
-  }
+std::string ClosestName(const std::string& name, const std::vector<std::string>& allowed) {
+  return *std::min_element(allowed.begin(), allowed.end(),
+                           [&](const std::string& a, const std::string& b) {
+                             return EditDistance(name, a) < EditDistance(name, b);
+                           });
+}
+
+bool IsSlip(const std::string& name, const std::string& allowed) {
   // More than a third of the letters wrong is no typing slip.
-  if (3 * distance <= name.size()) return fmt::format("did you mean {}?", allowed[closest]);
+  return 3 * EditDistance(name, allowed) <= name.size();
+}
+
+std::string Suggest(const std::string& name, const std::vector<std::string>& allowed) {
+  const std::string closest = ClosestName(name, allowed);
+  if (!name.empty() && IsSlip(name, closest)) return fmt::format("did you mean {}?", closest);
   return fmt::format("allowed: {}", fmt::join(allowed, ", "));
 }
 

@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tools/downpour/option_help.h"
+
+#include <fmt/format.h>
+
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <algorithm>
+#include <variant>
+
+namespace downpour {
+
+std::string WithDefault(const std::string& text, const Field& field) {
+  if (std::holds_alternative<bool*>(field.target)) return text;
+  std::string value = ValueText(field);
+  value.erase(
+      std::remove_if(value.begin(), value.end(), [](char c) { return c == '"' || c == '\''; }),
+      value.end());
+  return value.empty() ? text : fmt::format("{} (default {})", text, value);
+}
+
+CLI::Validator NotEmpty() {
+  return CLI::Validator(
+      [](std::string& text) { return std::string(text.empty() ? "must not be empty" : ""); }, "");
+}
+
+}  // namespace downpour
