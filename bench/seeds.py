@@ -29,6 +29,8 @@ def read(run, name):
 def learn(program, task, seed, run, arguments):
     """One seed's run, finished or resumed; returns its summary row."""
     done = os.path.join(run, "finished")
+    if os.path.exists(done) and open(done).read() != " ".join(arguments):
+        sys.exit(f"seeds: {run} was run with '{open(done).read()}': use another --out")
     if not os.path.exists(done):
         command = [program, "learn"]
         if os.path.exists(os.path.join(run, "config.toml")):
@@ -38,7 +40,8 @@ def learn(program, task, seed, run, arguments):
         result = subprocess.run(command, capture_output=True, text=True)
         if result.returncode:
             sys.exit(f"seeds: {' '.join(command)}: {result.stderr.strip()}")
-        open(done, "w").close()
+        with open(done, "w") as file:
+            file.write(" ".join(arguments))
     episodes, timing = read(run, "episodes.csv"), read(run, "timing.csv")
     solved = [e for e in episodes if e["solved"] == "true"]
     return {
@@ -47,7 +50,8 @@ def learn(program, task, seed, run, arguments):
         "solved_episode": int(solved[0]["episode"]) if solved else "",
         "best_return": f"{max(float(e['return']) for e in episodes):.2f}",
         "real_returns": " ".join(f"{float(e['return']):.1f}" for e in episodes),
-        "predicted_returns": " ".join(f"{float(e['predicted_return'] or 'nan'):.1f}" for e in episodes),
+        "predicted_returns": " ".join(
+            f"{float(e['predicted_return']):.1f}" if e["predicted_return"] else "-" for e in episodes),
         "rollouts": sum(int(e["evaluations"]) for e in episodes),
         "model_seconds": f"{sum(float(t['model_seconds']) for t in timing):.1f}",
         "search_seconds": f"{sum(float(t['search_seconds']) for t in timing):.1f}",
@@ -56,7 +60,10 @@ def learn(program, task, seed, run, arguments):
 
 def seed_list(text):
     first, _, last = text.partition("-")
-    return list(range(int(first), int(last or first) + 1))
+    seeds = list(range(int(first), int(last or first) + 1))
+    if not seeds:
+        raise argparse.ArgumentTypeError(f"{text}: must be FIRST-LAST")
+    return seeds
 
 
 def main():
@@ -76,9 +83,10 @@ def main():
     def one(seed):
         run = os.path.join(arguments.out, f"{arguments.task}-seed{seed}")
         row = learn(arguments.program, arguments.task, seed, run, extra)
-        print(f"seed {seed}: solved at {row['solved_episode'] or '-'}; real {row['real_returns']};"
-              f" predicted {row['predicted_returns']}; {row['model_seconds']} +"
-              f" {row['search_seconds']} s", flush=True)
+        sys.stdout.write(f"seed {seed}: solved at {row['solved_episode'] or '-'}; real"
+                         f" {row['real_returns']}; predicted {row['predicted_returns']}; model"
+                         f" {row['model_seconds']} s, search {row['search_seconds']} s\n")
+        sys.stdout.flush()
         return row
 
     with ThreadPoolExecutor(arguments.jobs) as pool:
@@ -96,4 +104,7 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except KeyboardInterrupt:
+        sys.exit("seeds: interrupted; the same command goes on")

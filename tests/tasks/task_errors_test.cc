@@ -65,11 +65,14 @@ const std::string kJoint = R"(<joint name="pole" type="hinge" axis="0 -1 0"/>)";
 const std::string kMotor = R"(<motor name="torque" joint="pole"/>)";
 
 TEST_CASE("registry: names the tasks and refuses others, listing what is allowed") {
-  CHECK(TaskNames() == std::vector<std::string>{"pendulum", "cartpole"});
-  for (const std::string name : {"", "Pendulum", "arm", "cartpole "}) {
+  const std::vector<std::string> names = TaskNames();
+  for (const std::string name : {"pendulum", "cartpole"}) {
+    CHECK_MESSAGE(std::count(names.begin(), names.end(), name) == 1, name);
+  }
+  for (const std::string name : {"", "Pendulum", "no such task", "cartpole "}) {
     const std::string message = MessageOf([&] { MakeTask(name); });
     CHECK(Contains(message, "'" + name + "'"));
-    CHECK(Contains(message, "allowed: pendulum, cartpole"));
+    for (const std::string& allowed : names) CHECK(Contains(message, allowed));
   }
 }
 
