@@ -107,17 +107,16 @@ std::string JitterText(const Task& task, const EpisodeRecord& record) {
                      record.episode, outputs);
 }
 
-// One line that tells how the rollouts queried each output; "" for a random episode.
-std::string PlanText(const Task& task, const EpisodeRecord& record) {
+// One line that tells with how many points the rollouts queried each output; "" for a random
+// episode.
+std::string PlanText(const EpisodeRecord& record) {
   std::string outputs;
-  for (std::size_t e = 0; e < record.plans.size(); ++e) {
-    const PlanRecord& plan = record.plans[e];
-    outputs += fmt::format("{}{} {} {}", outputs.empty() ? "" : ", ", task.states[e].name,
-                           plan.points, plan.single_precision ? "fp32" : "fp64");
+  for (const PlanRecord& plan : record.plans) {
+    outputs += fmt::format("{}{} {}", outputs.empty() ? "" : ", ", plan.points,
+                           plan.single_precision ? "fp32" : "fp64");
   }
   if (outputs.empty()) return "";
-  return fmt::format("episode {}: queried with so many of {} points: {}", record.episode,
-                     record.points, outputs);
+  return fmt::format("episode {}: plan {} of {} points", record.episode, outputs, record.points);
 }
 
 // "solved at episode 4", "not solved".
@@ -254,7 +253,7 @@ void Progress::Episode(const Task& task, const EpisodeRecord& record) {
   ClearLive();
   const std::string jitter = JitterText(task, record);
   if (!jitter.empty()) Line(jitter);
-  const std::string plan = PlanText(task, record);
+  const std::string plan = PlanText(record);
   if (!plan.empty()) Line(plan);
   if (quiet_ && !json_) return;
   WriteOutput(json_ ? JsonLine(record) : TableRow(record));
