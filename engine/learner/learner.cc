@@ -76,7 +76,7 @@ Eigen::MatrixXd RowsOf(const std::vector<double>& values, int columns) {
 }
 
 // Inputs like those that the search will meet: rollouts of the exact model by the last policy and
-// by policies drawn as the search's restarts are (DESIGN 3).
+// by policies drawn as the search's restarts are.
 Eigen::MatrixXd ProbeInputs(const Task& task, const LearnerOptions& options, const Policy& policy,
                             const std::vector<double>& last_policy, const PlannedModel& model,
                             std::uint32_t episode) {

@@ -29,9 +29,10 @@ struct EvaluatorStatistics {
   std::int64_t diverged = 0;    // rollouts that got the penalty
 };
 
-// The batched evaluator (DESIGN 2): rollouts are packed into tiles of kTileLanes lanes, one thread
-// takes one tile through all steps (features, policy, GP queries, sample, reward), one OpenMP
-// region a call. Results are the same bits for any thread count and any packing of candidates.
+// The batched evaluator (docs/method.md): rollouts are packed into tiles of kTileLanes lanes, one
+// thread takes one tile through all steps (features, policy, GP queries, sample, reward), one
+// OpenMP region a call. Results are the same bits for any thread count and any packing of
+// candidates.
 //
 // A rollout whose state is not finite, or beyond kStateLimit (the vector sine's range), has
 // diverged: it stops and its return is -horizon, below any return of rewards in [0, 1].

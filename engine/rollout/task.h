@@ -53,7 +53,7 @@ struct Task {
   std::vector<double> observation_std;     // (E), noise of what the policy and learner see
   std::vector<double> policy_input_scale;  // (F), the policy sees feature / scale
   double parameter_bound = 5;              // policy parameters lie in +-bound
-  // The search's first-run and restart widths that suit the task (DESIGN 5, measured).
+  // The search's first-run and restart widths that suit the task, by measurement.
   double search_first_sigma = 1;
   double search_restart_sigma = 5;
   double search_restart_decades = 1;

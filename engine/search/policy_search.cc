@@ -93,7 +93,7 @@ class PolicySearch {
 };
 
 int Population(const PolicySearchOptions& options, std::size_t dimension) {
-  // Twice the default: under noise, more candidates average better (DESIGN 5).
+  // Twice the default: under noise, more candidates average better.
   return options.population > 0 ? options.population
                                 : 2 * CmaEs::DefaultPopulation(static_cast<int>(dimension));
 }
@@ -140,7 +140,7 @@ SearchRun PolicySearch::NewRun() {
     double draws[2];
     FillUniforms(key, 0, draws, 2);
     plan = scheduler_.Next(draws[0], draws[1]);
-    // The start is as far from zero as the run will look: sigma U[-1, 1] a parameter (DESIGN 5).
+    // The start is as far from zero as the run will look: sigma U[-1, 1] a parameter.
     FillUniforms(key, 1, mean.data(), mean.size());
     for (double& value : mean) {
       value = std::clamp(plan.sigma * (2 * value - 1), -options_.bound, options_.bound);

@@ -14,7 +14,7 @@ namespace downpour {
 
 enum class RestartStrategy {
   kBipop,  // Hansen 2009: a regime of doubling populations beside one of small ones
-  kSmall,  // every restart small: lambda stays, sigma is drawn log-uniformly (DESIGN 5)
+  kSmall,  // every restart small: lambda stays, sigma is drawn log-uniformly
 };
 
 // What to do when re-evaluation shows that noise scrambles the ranking (Hansen et al. 2009).
@@ -90,8 +90,8 @@ struct PolicySearchResult {
 };
 
 // Maximises the expected return over policy parameters in +-bound with restarted active CMA-ES
-// (paper, section III-D; DESIGN 5). The first run starts at `start` (P), clipped to the bounds.
-// Fewer instances than `concurrent` run if the budget has no 100 generations for each.
+// (paper, section III-D; docs/method.md). The first run starts at `start` (P), clipped to the
+// bounds. Fewer instances than `concurrent` run if the budget has no 100 generations for each.
 //
 // The budget goes by successive halving. All instances explore alike for the share `exploration`;
 // a run that meets a stopping criterion makes room for a new one. Then all runs that may still

@@ -8,7 +8,7 @@ namespace downpour {
 
 // Uncertainty handling of N. Hansen, A. Niederberger, L. Guzzella and P. Koumoutsakos, "A Method
 // for Handling Uncertainty in Evolutionary Optimization With an Application to Feedback Control of
-// Combustion" (IEEE TEVC 2009), as DESIGN 5 states it.
+// Combustion" (IEEE TEVC 2009).
 
 // How many candidates of a population to re-evaluate: floor(r lambda) plus one with the
 // probability of the fraction that is left, r = max(0.1, 2 / lambda); at least 1, at most lambda.

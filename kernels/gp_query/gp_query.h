@@ -14,7 +14,7 @@ namespace downpour {
 // e_i = 2^-sum_d ((s_d x_d - c_d) - (s_d x_id - c_d))^2, and (paper Eq. 5)
 //   mean     = sum_i weights_i e_i              weights = signal_variance * K^-1 y
 //   variance = signal_variance - |W e|^2        W = signal_variance * L^-1, K = L L^T
-// Any lower-triangular W and any weights do: compressed posteriors (DESIGN 3) have the same form.
+// Any lower-triangular W and any weights do: compressed posteriors have the same form.
 template <typename T>
 struct GpFactorT {
   int n = 0;         // points

@@ -91,7 +91,7 @@ TEST_CASE("cma_es: twenty generations agree with the tutorial in long double") {
 }
 
 TEST_CASE("cma_es: needs the known number of evaluations to 1e-8") {
-  // Medians of a reference implementation (DESIGN 5).
+  // Medians that a right implementation needs, by measurement of a reference one.
   CHECK(std::abs(MedianEvaluations(Sphere, 10) / 1460 - 1) < 0.1);
   CHECK(std::abs(MedianEvaluations(Sphere, 20) / 2750 - 1) < 0.1);
   CHECK(std::abs(MedianEvaluations(Ellipsoid, 10) / 4000 - 1) < 0.1);
