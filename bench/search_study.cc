@@ -5,6 +5,8 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
+#include <exception>
 #include <filesystem>
 #include <fstream>
 #include <map>
@@ -12,6 +14,7 @@
 #include <string>
 #include <vector>
 
+#include "engine/errors.h"
 #include "engine/gp/gp_model.h"
 #include "engine/gp/process_settings.h"
 #include "engine/rollout/evaluator.h"
@@ -36,7 +39,8 @@ std::map<std::string, std::vector<double>> ReadTransitions(const std::filesystem
   while (std::getline(file, line)) {
     std::istringstream row(line);
     std::vector<double> values;
-    while (std::getline(row, field, ',')) values.push_back(std::stod(field));
+    while (std::getline(row, field, ','))
+      values.push_back(std::strtod(field.c_str(), nullptr));  // stod refuses denormals
     if (values.at(0) > last_episode) break;
     for (std::size_t i = 0; i < names.size(); ++i) columns[names[i]].push_back(values.at(i));
   }
@@ -45,6 +49,9 @@ std::map<std::string, std::vector<double>> ReadTransitions(const std::filesystem
 
 Dataset ReadDataset(const Task& task, const std::filesystem::path& run, int last_episode) {
   const auto columns = ReadTransitions(run / "transitions.csv", last_episode);
+  if (columns.count("observation." + task.states[0].name) == 0) {
+    throw InvalidInput(run.string() + ": not a run of " + task.name);
+  }
   const int n = static_cast<int>(columns.at("episode").size());
   Dataset data{Eigen::MatrixXd(n, task.n_inputs()), Eigen::MatrixXd(n, task.n_states())};
   std::vector<double> state(task.n_states()), features(task.n_features());
@@ -138,5 +145,10 @@ int Main(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   downpour::PrepareProcess(argv);
-  return downpour::Main(argc, argv);
+  try {
+    return downpour::Main(argc, argv);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "search_study: %s\n", error.what());
+    return 2;
+  }
 }
