@@ -119,6 +119,22 @@ int CountSubsteps(double control_period, double timestep, const std::string& mod
   return static_cast<int>(n_substeps);
 }
 
+// A control that MuJoCo clips would not be the action that the model learns from.
+void CheckControlRanges(const mjModel& model, const std::vector<int>& actuators,
+                        const MujocoSystemSpec& spec, const std::string& model_name) {
+  for (std::size_t i = 0; i < actuators.size(); ++i) {
+    if (!model.actuator_ctrllimited[actuators[i]]) continue;
+    const double* const range = model.actuator_ctrlrange + 2 * actuators[i];
+    const double limit = spec.action_limits[i];
+    if (range[0] <= -limit && range[1] >= limit) continue;
+    std::ostringstream what;
+    what << "actuator " << spec.actuators[i] << " has ctrlrange " << range[0] << " to " << range[1]
+         << "; allowed: one that contains " << -limit << " to " << limit
+         << ", the task's action limits, or ctrllimited=\"false\"";
+    Fail(model_name, what.str());
+  }
+}
+
 class MujocoSystem final : public System {
  public:
   MujocoSystem(const MujocoSystemSpec& spec, const std::string& model_name)
@@ -127,6 +143,7 @@ class MujocoSystem final : public System {
         FindAll(*model_, mjOBJ_JOINT, model_->njnt, "joint", spec.joints, model_name);
     actuators_ =
         FindAll(*model_, mjOBJ_ACTUATOR, model_->nu, "actuator", spec.actuators, model_name);
+    CheckControlRanges(*model_, actuators_, spec, model_name);
     for (std::size_t i = 0; i < joints.size(); ++i) {
       const int type = model_->jnt_type[joints[i]];
       if (type != mjJNT_SLIDE && type != mjJNT_HINGE) {

@@ -24,14 +24,16 @@ struct MujocoSystemSpec {
   std::vector<std::string> joints;     // all joints of the model, by name
   std::vector<JointState> states;      // in the order of Task::states
   std::vector<std::string> actuators;  // all actuators, by name, in the order of Task::actions
+  std::vector<double> action_limits;   // Task::action_limits
   double control_period = 0.1;         // s, a whole number of the model's timesteps
 };
 
 // Loads the model and returns a system at the model's own start. An action is held for the whole
 // control period (zero-order hold) while the integrator and timestep of the MJCF advance the state.
 // Throws InvalidInput, one line with the model's name, if the MJCF cannot be read or compiled, if
-// its joints or actuators are not exactly those named, if a joint is no slide or hinge, or if its
-// timestep does not divide the control period.
+// its joints or actuators are not exactly those named, if an actuator's limited control range is
+// narrower than the action limits, if a joint is no slide or hinge, or if its timestep does not
+// divide the control period.
 //
 // Step writes NaN to every state variable when MuJoCo finds the simulation unstable (a position,
 // velocity, acceleration or action that is not finite or is beyond 1e10), and goes on doing so

@@ -37,7 +37,7 @@ SaturatingReward TipReward() {
           .width = 0.25};
 }
 
-MujocoSystemSpec SystemSpec(const std::string& mjcf_file, double control_period) {
+MujocoSystemSpec SystemSpec(const std::string& mjcf_file, const Task& task) {
   return {.name = "cartpole.xml (built in)",
           .mjcf = Mjcf(),
           .mjcf_file = mjcf_file,
@@ -47,7 +47,8 @@ MujocoSystemSpec SystemSpec(const std::string& mjcf_file, double control_period)
                      {1, JointQuantity::kVelocity},
                      {1, JointQuantity::kPosition}},
           .actuators = {"force"},
-          .control_period = control_period};
+          .action_limits = task.action_limits,
+          .control_period = task.control_period};
 }
 
 }  // namespace
@@ -94,7 +95,7 @@ Task Make(const std::string& preset, const std::string& mjcf_file) {
   task.solved_description =
       "pole within 10 degrees of upright and cart within 0.1 m of the middle throughout the last "
       "second";
-  const MujocoSystemSpec spec = SystemSpec(mjcf_file, task.control_period);
+  const MujocoSystemSpec spec = SystemSpec(mjcf_file, task);
   task.model_digest = ModelDigest(spec);
   task.make_system = [spec] { return MakeMujocoSystem(spec); };
   return task;

@@ -20,14 +20,15 @@ SaturatingReward TipReward(double width) {
   return {.n_rows = 2, .a = {0, 1, 0, 0, 0, 1}, .b = {-1, 0}, .width = width};
 }
 
-MujocoSystemSpec SystemSpec(const std::string& mjcf_file, double control_period) {
+MujocoSystemSpec SystemSpec(const std::string& mjcf_file, const Task& task) {
   return {.name = "pendulum.xml (built in)",
           .mjcf = Mjcf(),
           .mjcf_file = mjcf_file,
           .joints = {"pole"},
           .states = {{0, JointQuantity::kVelocity}, {0, JointQuantity::kPosition}},
           .actuators = {"torque"},
-          .control_period = control_period};
+          .action_limits = task.action_limits,
+          .control_period = task.control_period};
 }
 
 }  // namespace
@@ -61,7 +62,7 @@ Task Make(const std::string& preset, const std::string& mjcf_file) {
     });
   };
   task.solved_description = "pole within 10 degrees of upright throughout the last second";
-  const MujocoSystemSpec spec = SystemSpec(mjcf_file, task.control_period);
+  const MujocoSystemSpec spec = SystemSpec(mjcf_file, task);
   task.model_digest = ModelDigest(spec);
   task.make_system = [spec] { return MakeMujocoSystem(spec); };
   return task;

@@ -3,6 +3,7 @@
 #include <mujoco/mujoco.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdlib>
 #include <filesystem>
@@ -169,6 +170,24 @@ TEST_CASE("system: a model that cannot be used is refused in one line with file 
     CHECK_FALSE(Contains(message, "\n"));
     for (const std::string& part : c.parts) CHECK(Contains(message, part));
   }
+}
+
+TEST_CASE("system: an actuator that clips the task's actions is refused, a wider one is not") {
+  const Folder folder;
+  const auto message_of = [&](const std::string& range) {
+    const std::string motor =
+        R"(<motor name="torque" joint="pole" ctrllimited="true" ctrlrange=")" + range + R"("/>)";
+    const std::string file = folder.Write(Pendulum(kJoint, motor));
+    return MessageOf([&] { MakeTask("pendulum", "paper", file).make_system(); });
+  };
+  CHECK(message_of("-2.5 2.5") == "");
+  CHECK(message_of("-9 3") == "");
+  CHECK(message_of("-1 1") ==
+        (folder.path() / "model.xml").string() +
+            ": actuator torque has ctrlrange -1 to 1; allowed: one that contains -2.5 to 2.5, the "
+            "task's action limits, or ctrllimited=\"false\"");
+  CHECK(Contains(message_of("0 2.5"), "ctrlrange 0 to 2.5"));
+  CHECK(Contains(message_of("-2.5 2.4"), "ctrlrange -2.5 to 2.4"));
 }
 
 TEST_CASE("system: a model file that cannot be read is refused by name") {
