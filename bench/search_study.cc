@@ -8,13 +8,10 @@
 #include <cstdlib>
 #include <exception>
 #include <filesystem>
-#include <fstream>
-#include <map>
-#include <sstream>
 #include <string>
 #include <vector>
 
-#include "engine/errors.h"
+#include "bench/run_data.h"
 #include "engine/gp/gp_model.h"
 #include "engine/gp/process_settings.h"
 #include "engine/rollout/evaluator.h"
@@ -24,53 +21,9 @@
 namespace downpour {
 namespace {
 
-// Columns of transitions.csv by header without unit; rows of episodes up to `last_episode`.
-std::map<std::string, std::vector<double>> ReadTransitions(const std::filesystem::path& path,
-                                                           int last_episode) {
-  std::ifstream file(path);
-  if (!file) throw std::runtime_error("cannot read " + path.string());
-  std::map<std::string, std::vector<double>> columns;
-  std::vector<std::string> names;
-  std::string line, field;
-  std::getline(file, line);
-  for (std::istringstream header(line); std::getline(header, field, ',');) {
-    names.push_back(field.substr(0, field.find(" [")));
-  }
-  while (std::getline(file, line)) {
-    std::istringstream row(line);
-    std::vector<double> values;
-    while (std::getline(row, field, ','))
-      values.push_back(std::strtod(field.c_str(), nullptr));  // stod refuses denormals
-    if (values.at(0) > last_episode) break;
-    for (std::size_t i = 0; i < names.size(); ++i) columns[names[i]].push_back(values.at(i));
-  }
-  return columns;
-}
-
-Dataset ReadDataset(const Task& task, const std::filesystem::path& run, int last_episode) {
-  const auto columns = ReadTransitions(run / "transitions.csv", last_episode);
-  if (columns.count("observation." + task.states[0].name) == 0) {
-    throw InvalidInput(run.string() + ": not a run of " + task.name);
-  }
-  const int n = static_cast<int>(columns.at("episode").size());
-  Dataset data{Eigen::MatrixXd(n, task.n_inputs()), Eigen::MatrixXd(n, task.n_states())};
-  std::vector<double> state(task.n_states()), features(task.n_features());
-  for (int i = 0; i < n; ++i) {
-    for (int e = 0; e < task.n_states(); ++e) {
-      state[e] = columns.at("observation." + task.states[e].name)[i];
-      data.targets(i, e) = columns.at("next_observation." + task.states[e].name)[i] - state[e];
-    }
-    ComputeFeatures(task, state, features);
-    for (int f = 0; f < task.n_features(); ++f) data.inputs(i, f) = features[f];
-    for (int a = 0; a < task.n_actions(); ++a) {
-      data.inputs(i, task.n_features() + a) = columns.at("action." + task.actions[a].name)[i];
-    }
-  }
-  return data;
-}
-
 int Main(int argc, char** argv) {
-  std::string task_name, run;
+  std::string task_name;
+  std::filesystem::path run;
   int episodes = 4, seeds = 8, threads = 2;
   bool print_runs = false;
   std::string restarts = "small", uncertainty = "off";
@@ -103,7 +56,7 @@ int Main(int argc, char** argv) {
   options.uncertainty = uncertainty == "off"     ? UncertaintyHandling::kOff
                         : uncertainty == "sigma" ? UncertaintyHandling::kSigma
                                                  : UncertaintyHandling::kRollouts;
-  const Dataset data = ReadDataset(task, run, episodes);
+  const Dataset data = ReadDataset(task, {&run, 1}, episodes);
   std::vector<QueryFactor> factors;
   const auto fits = FitHyperparameters(data, {}, {}, 0, 0, threads);
   for (int e = 0; e < data.n_outputs(); ++e) {
