@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <type_traits>
 
 #include "engine/gp/triangle.h"
 #include "engine/lapack.h"
@@ -92,6 +93,7 @@ Compression::Compression(const ExactGp& exact, double tau) {
   for (int i = 0; i < m; ++i) {
     inverse_factor_.row(i).head(i + 1) = v.row(points_[i]).head(i + 1);
   }
+  if (m >= kRowBlock) deflation_ = inverse_factor_.leftCols(kRowBlock) / hyper.signal_std;
   InvertLowerTriangle(m, inverse_factor_.data(), m);
 
   Eigen::MatrixXd inverse = exact.cholesky();
@@ -121,6 +123,7 @@ ReducedPosterior Compression::First(int m) const {
   const int ld = size();
   const double one = 1;
   dtrmm_("R", "L", "N", "N", &m, &m, &one, inverse_factor_.data(), &ld, posterior.root.data(), &m);
+  if (m >= kRowBlock) posterior.deflation = deflation_.topRows(m);
   return posterior;
 }
 
@@ -131,8 +134,16 @@ GpFactorT<T> PackPosterior(const ExactGp& exact, const ReducedPosterior& posteri
   Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> rows(m, dim);
   for (int i = 0; i < m; ++i) rows.row(i) = exact.inputs().row(posterior.points[i]);
   const Hyperparameters& hyper = exact.hyperparameters();
-  return PackGpFactorT<T>(m, dim, rows.data(), hyper.lengthscales.data(), hyper.signal_std,
-                          hyper.noise_std, posterior.weights.data(), posterior.root.data());
+  const bool deflate = std::is_same_v<T, float> && posterior.deflation.size() > 0;
+  return PackGpFactor<T>({.n = m,
+                          .dim = dim,
+                          .inputs = rows.data(),
+                          .lengthscales = hyper.lengthscales.data(),
+                          .signal_std = hyper.signal_std,
+                          .noise_std = hyper.noise_std,
+                          .weights = posterior.weights.data(),
+                          .inverse_factor = posterior.root.data(),
+                          .deflation = deflate ? posterior.deflation.data() : nullptr});
 }
 
 template GpFactorT<double> PackPosterior(const ExactGp&, const ReducedPosterior&);
@@ -141,7 +152,7 @@ template GpFactorT<float> PackPosterior(const ExactGp&, const ReducedPosterior&)
 ReducedPosterior ExactPosterior(const ExactGp& exact) {
   const SingleThreadedBlas single_threaded;
   const int n = static_cast<int>(exact.inputs().rows());
-  ReducedPosterior posterior{std::vector<int>(n), exact.alpha(), exact.cholesky()};
+  ReducedPosterior posterior{std::vector<int>(n), exact.alpha(), exact.cholesky(), {}};
   std::iota(posterior.points.begin(), posterior.points.end(), 0);
   InvertLowerTriangle(n, posterior.root.data(), n);
   return posterior;

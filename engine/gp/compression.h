@@ -15,6 +15,9 @@ struct ReducedPosterior {
   std::vector<int> points;  // (m) rows of the training inputs
   Eigen::VectorXd weights;  // (m)
   Eigen::MatrixXd root;     // R (m x m), lower triangular, zeros above
+  // For queries in float (gp_query.h), or 0 x 0: V (m x kRowBlock), the first columns of L_m /
+  // signal_std.
+  Eigen::MatrixXd deflation;
 };
 
 // Error-controlled compression of an exact GP. Pivoted Cholesky of the noise-free K picks points,
@@ -45,7 +48,7 @@ class Compression {
   int size() const { return static_cast<int>(points_.size()); }
   // Fewest picks that leave every residual below tau * s; size() if none does. At least 1.
   int PointsFor(double tau) const;
-  // Posterior of the first m picks, 1 <= m <= size(). O(m^3).
+  // Posterior of the first m picks, 1 <= m <= size(). O(m^3). Has a deflation from kRowBlock on.
   ReducedPosterior First(int m) const;
 
  private:
@@ -53,12 +56,14 @@ class Compression {
   std::vector<int> points_;          // in the order picked
   std::vector<double> residuals_;    // largest residual before each pick
   Eigen::MatrixXd inverse_factor_;   // L_m^-1 of all picks; its leading blocks serve fewer
+  Eigen::MatrixXd deflation_;        // of all picks
   Eigen::MatrixXd gram_;             // G, lower triangle
   Eigen::VectorXd projected_alpha_;  // V alpha
   double rounding_;                  // of G's entries
 };
 
-// Layout for GpQueryTile; T is double or float. `exact` is the model that `posterior` reduces.
+// Layout for GpQueryTile; T is double or float, which deflates if it can. `exact` is the model that
+// `posterior` reduces.
 template <typename T>
 GpFactorT<T> PackPosterior(const ExactGp& exact, const ReducedPosterior& posterior);
 

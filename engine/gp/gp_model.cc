@@ -93,9 +93,14 @@ GpFactor ExactGp::Pack() const {
   Eigen::MatrixXd inverse = cholesky_;
   InvertLowerTriangle(n, inverse.data(), n);
   const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> rows = inputs_;
-  return PackGpFactor(n, dim, rows.data(), hyperparameters_.lengthscales.data(),
-                      hyperparameters_.signal_std, hyperparameters_.noise_std, alpha_.data(),
-                      inverse.data());
+  return PackGpFactor<double>({.n = n,
+                               .dim = dim,
+                               .inputs = rows.data(),
+                               .lengthscales = hyperparameters_.lengthscales.data(),
+                               .signal_std = hyperparameters_.signal_std,
+                               .noise_std = hyperparameters_.noise_std,
+                               .weights = alpha_.data(),
+                               .inverse_factor = inverse.data()});
 }
 
 }  // namespace downpour

@@ -11,7 +11,7 @@
 #include "hwy/foreach_target.h"  // IWYU pragma: keep
 // After foreach_target:
 #include "hwy/highway.h"
-#include "kernels/gp_query/exp2_negative-inl.h"
+#include "kernels/gp_query/covariances-inl.h"
 #include "kernels/gp_query/panel-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -23,11 +23,11 @@ namespace hn = hwy::HWY_NAMESPACE;
 // together.
 template <typename T>
 struct Group {
-  T* queries;  // D rows: s_d x_d - c_d
-  T* e;        // n_padded rows
-  T* rows;     // kChunkSide rows of W e, incomplete between chunks
-  T* mean;     // 1 row
-  T* norm;     // 1 row: |W e|^2
+  T* queries;   // D rows: s_d x_d - c_d
+  T* e;         // n_padded rows, e or e'
+  T* rows;      // kChunkSide rows of W e, incomplete between chunks
+  T* mean;      // 1 row
+  T* variance;  // 1 row
 
   static std::size_t Rows(const GpFactorT<T>& f) { return f.dim + f.n_padded + kChunkSide + 2; }
   Group(const GpFactorT<T>& f, std::size_t lanes, T* scratch)
@@ -35,7 +35,7 @@ struct Group {
         e(queries + f.dim * lanes),
         rows(e + f.n_padded * lanes),
         mean(rows + kChunkSide * lanes),
-        norm(mean + lanes) {}
+        variance(mean + lanes) {}
 };
 
 // Calls body(std::integral_constant<int, width>(), first) for the groups that `vectors` vectors are
@@ -50,91 +50,57 @@ HWY_INLINE void ForEachGroup(int vectors, const Body& body) {
   if (vectors - first == 1) body(std::integral_constant<int, 1>(), first);
 }
 
-// Squared scaled distances of kRowBlock points. kDim = 0: D at run time.
-template <int kWidth, int kDim, typename T>
-HWY_INLINE void SquaredDistances(int run_time_dim, const T* HWY_RESTRICT input,
-                                 const T* HWY_RESTRICT queries, T* HWY_RESTRICT out) {
-  const hn::ScalableTag<T> d;
-  using V = hn::Vec<decltype(d)>;
-  const size_t lanes = hn::Lanes(d);
-  const int dim = kDim > 0 ? kDim : run_time_dim;
-  for (int i = 0; i < kRowBlock; ++i, input += dim, out += kWidth * lanes) {
-    V s[kWidth];
-    for (V& sum : s) sum = hn::Zero(d);
-    for (int k = 0; k < dim; ++k) {
-      const V c = hn::Set(d, input[k]);
-      for (int v = 0; v < kWidth; ++v) {
-        const V t = hn::Sub(hn::Load(d, queries + (k * kWidth + v) * lanes), c);
-        s[v] = hn::MulAdd(t, t, s[v]);
-      }
-    }
-    for (int v = 0; v < kWidth; ++v) hn::Store(s[v], d, out + v * lanes);
+// Vectors of T as double and back.
+template <typename T, class D>
+HWY_INLINE hn::Vec<D> LoadDouble(D d, const T* from) {
+  if constexpr (std::is_same_v<T, double>) {
+    return hn::Load(d, from);
+  } else {
+    return hn::PromoteTo(d, hn::Load(hn::Rebind<T, D>(), from));
+  }
+}
+template <typename T, class D>
+HWY_INLINE void StoreDouble(hn::Vec<D> value, D d, T* to) {
+  if constexpr (std::is_same_v<T, double>) {
+    hn::Store(value, d, to);
+  } else {
+    hn::Store(hn::DemoteTo(hn::Rebind<T, D>(), value), hn::Rebind<T, D>(), to);
   }
 }
 
-// e of every point and the mean, in three passes over kRowBlock points at a time: each pass alone
-// keeps its operands in registers.
-template <int kWidth, int kDim, typename T>
-HWY_NOINLINE void CovariancesAndMean(const GpFactorT<T>& f, const Group<T>& group) {
-  const hn::ScalableTag<T> d;
-  using V = hn::Vec<decltype(d)>;
-  const size_t lanes = hn::Lanes(d);
-  constexpr int kAtOnce = kManyRegisters ? 8 : 4;
-  V mean[kWidth];
-  // 0 x starts the sums, so that a lane that is not finite stays so whatever the power makes of it.
-  for (int v = 0; v < kWidth; ++v) {
-    mean[v] = hn::Zero(d);
-    for (int k = 0; k < f.dim; ++k) {
-      const V q = hn::Load(d, group.queries + (k * kWidth + v) * lanes);
-      mean[v] = hn::MulAdd(hn::Zero(d), q, mean[v]);
+// The variance after the first panel's rows of W e, in double: with pivoted points they hold most
+// of |W e|^2, and what they leave is small enough for float to go on with. NaN where the mean is
+// not finite.
+template <typename T>
+HWY_INLINE void StartVariance(double signal_variance, const Group<T>& group, int lanes) {
+  const hn::ScalableTag<double> d;
+  for (int lane = 0; lane < lanes; lane += static_cast<int>(hn::Lanes(d))) {
+    const auto mean = LoadDouble(d, group.mean + lane);
+    auto variance = hn::Add(hn::Set(d, signal_variance), hn::Sub(mean, mean));
+    for (int r = 0; r < kRowBlock; ++r) {
+      const auto row = LoadDouble(d, group.rows + r * lanes + lane);
+      variance = hn::NegMulAdd(row, row, variance);
     }
-  }
-  T* HWY_RESTRICT e = group.e;
-  for (int first = 0; first < f.n_padded; first += kRowBlock) {
-    const T* const inputs = f.inputs.data() + static_cast<std::size_t>(first) * f.dim;
-    SquaredDistances<kWidth, kDim>(f.dim, inputs, group.queries, e);
-    for (size_t i = 0; i < kRowBlock * kWidth * lanes; i += kAtOnce * lanes) {
-      V s[kAtOnce];
-      for (int v = 0; v < kAtOnce; ++v) s[v] = hn::Load(d, e + i + v * lanes);
-      Exp2Negative(d, s);
-      for (int v = 0; v < kAtOnce; ++v) hn::Store(s[v], d, e + i + v * lanes);
-    }
-    for (int i = 0; i < kRowBlock; ++i, e += kWidth * lanes) {
-      const V w = hn::Set(d, f.weights[first + i]);
-      for (int v = 0; v < kWidth; ++v) mean[v] = hn::MulAdd(w, hn::Load(d, e + v * lanes), mean[v]);
-    }
-  }
-  for (int v = 0; v < kWidth; ++v) hn::Store(mean[v], d, group.mean + v * lanes);
-}
-
-// The D of the tasks at compile time.
-template <int kWidth, typename T>
-HWY_INLINE void CovariancesAndMeanOfDim(const GpFactorT<T>& f, const Group<T>& group) {
-  switch (f.dim) {
-    case 4:
-      return CovariancesAndMean<kWidth, 4>(f, group);
-    case 6:
-      return CovariancesAndMean<kWidth, 6>(f, group);
-    case 12:
-      return CovariancesAndMean<kWidth, 12>(f, group);
-    default:
-      return CovariancesAndMean<kWidth, 0>(f, group);
+    StoreDouble(variance, d, group.variance + lane);
   }
 }
 
 // Adds a chunk's panels for the group of kWidth vectors from `first` on. The groups share the
 // fetching of the chunk that follows: a triangle beyond the second-level cache comes in evenly.
 template <int kWidth, typename T>
-HWY_INLINE void AddChunk(const TriangleChunk& chunk, const T* w, const Group<T>& group, int first,
-                         int vectors) {
+HWY_INLINE void AddChunk(const GpFactorT<T>& f, const TriangleChunk& chunk, const Group<T>& group,
+                         int first, int vectors) {
   const std::size_t lanes = kWidth * hn::Lanes(hn::ScalableTag<T>());
   const int step = (kRowBlock * kWidth + vectors - 1) / vectors;
+  const T* w = f.triangle.data() + chunk.offset;
   const T* fetch = w + chunk.size + chunk.size * first / vectors;
   for (int row = chunk.row; row < chunk.end_row; row += kRowBlock) {
     const int n_columns = chunk.Columns(row);
-    AddPanel<kWidth>(w, n_columns, chunk.column == 0, chunk.column + n_columns == row + kRowBlock,
-                     fetch, step, group.e + chunk.column * lanes,
-                     group.rows + (row - chunk.row) * lanes, group.norm);
+    const bool ends_rows = row > 0 && chunk.column + n_columns == row + kRowBlock;
+    AddPanel<kWidth>(w, n_columns, chunk.column == 0, ends_rows, fetch, step,
+                     group.e + chunk.column * lanes, group.rows + (row - chunk.row) * lanes,
+                     group.variance);
+    if (row == 0) StartVariance(f.signal_variance, group, static_cast<int>(lanes));
     w += kRowBlock * n_columns;
     fetch += step * n_columns;
   }
@@ -161,24 +127,16 @@ HWY_INLINE void ScaleQueries(const GpFactorT<T>& f, const double* HWY_RESTRICT x
   }
 }
 
-// Means, and variances as signal_variance - norm, in double.
+// Means and clamped variances in double.
 template <typename T>
-HWY_INLINE void WriteResults(const GpFactorT<T>& f, const Group<T>& group, int lanes,
-                             double* HWY_RESTRICT mean, double* HWY_RESTRICT variance) {
+HWY_INLINE void WriteResults(const Group<T>& group, int lanes, double* HWY_RESTRICT mean,
+                             double* HWY_RESTRICT variance) {
   const hn::ScalableTag<double> d;
-  const hn::Rebind<T, decltype(d)> d_in;
-  const auto load = [&](const T* from) {
-    if constexpr (std::is_same_v<T, double>) {
-      return hn::Load(d, from);
-    } else {
-      return hn::PromoteTo(d, hn::Load(d_in, from));
-    }
-  };
   for (int lane = 0; lane < lanes; lane += static_cast<int>(hn::Lanes(d))) {
-    hn::Store(load(group.mean + lane), d, mean + lane);
+    hn::Store(LoadDouble(d, group.mean + lane), d, mean + lane);
     if (variance == nullptr) continue;
     // The operands' order lets a NaN through: Max(NaN, 0) would hide a lane that is not finite.
-    const auto v = hn::Sub(hn::Set(d, f.signal_variance), load(group.norm + lane));
+    const auto v = LoadDouble(d, group.variance + lane);
     hn::Store(hn::IfThenElse(hn::Lt(v, hn::Zero(d)), hn::Zero(d), v), d, variance + lane);
   }
 }
@@ -186,8 +144,7 @@ HWY_INLINE void WriteResults(const GpFactorT<T>& f, const Group<T>& group, int l
 template <typename T>
 void QueryTile(const GpFactorT<T>& f, int n_lanes, const double* HWY_RESTRICT x,
                T* HWY_RESTRICT scratch, double* HWY_RESTRICT mean, double* HWY_RESTRICT variance) {
-  const hn::ScalableTag<T> d;
-  const int lanes = static_cast<int>(hn::Lanes(d));
+  const int lanes = static_cast<int>(hn::Lanes(hn::ScalableTag<T>()));
   const int vectors = (n_lanes + lanes - 1) / lanes;
   const auto group_at = [&](int width, int first) {
     return Group<T>(f, width * lanes, scratch + Group<T>::Rows(f) * first * lanes);
@@ -195,23 +152,17 @@ void QueryTile(const GpFactorT<T>& f, int n_lanes, const double* HWY_RESTRICT x,
   ForEachGroup(vectors, [&](auto width, int first) {
     const Group<T> group = group_at(width, first);
     ScaleQueries(f, x + first * lanes, width * lanes, group.queries);
-    CovariancesAndMeanOfDim<width>(f, group);
-    // The norm starts at 0, or NaN where the mean is not finite.
-    for (int lane = 0; lane < width * lanes; lane += lanes) {
-      const auto m = hn::Load(d, group.mean + lane);
-      hn::Store(hn::Sub(m, m), d, group.norm + lane);
-    }
+    CovariancesAndMean<width>(f, group.queries, group.e, group.mean);
   });
   if (variance != nullptr) {
     ForEachChunk(f.n_padded, [&](const TriangleChunk& chunk) {
-      const T* const w = f.triangle.data() + chunk.offset;
       ForEachGroup(vectors, [&](auto width, int first) {
-        AddChunk<width>(chunk, w, group_at(width, first), first, vectors);
+        AddChunk<width>(f, chunk, group_at(width, first), first, vectors);
       });
     });
   }
   ForEachGroup(vectors, [&](auto width, int first) {
-    WriteResults(f, group_at(width, first), width * lanes, mean + first * lanes,
+    WriteResults(group_at(width, first), width * lanes, mean + first * lanes,
                  variance == nullptr ? nullptr : variance + first * lanes);
   });
 }

@@ -15,6 +15,12 @@ namespace downpour {
 //   mean     = sum_i weights_i e_i              weights = signal_variance * K^-1 y
 //   variance = signal_variance - |W e|^2        W = signal_variance * L^-1, K = L L^T
 // Any lower-triangular W and any weights do: compressed posteriors have the same form.
+//
+// W e cancels: its terms are larger than its sum by up to signal_std / noise_std, which float
+// cannot afford. A deflation first takes away the large smooth part of e: what e of the first
+// kRowBlock points, e_first = V_first z, explains at all others by a lower-trapezoidal V (n x
+// kRowBlock). Weights and W are then replaced by w' and W' of e' = (z, e_rest - V_rest z), such
+// that w'^T e' = w^T e and W' e' = W e.
 template <typename T>
 struct GpFactorT {
   int n = 0;         // points
@@ -27,26 +33,30 @@ struct GpFactorT {
   AlignedVector<T> inputs;       // (n_padded x D) row-major s_d x_id - c_d; padding rows are zero
   AlignedVector<T> weights;      // (n_padded), padding zero
   AlignedVector<T> triangle;     // W, packed as triangle_layout.h says; padding rows are zero
+  // V (n_padded x kRowBlock) row-major, reciprocals on its diagonal, padding rows zero; or empty.
+  AlignedVector<T> deflation;
 };
 
 using GpFactor = GpFactorT<double>;
 using GpFactor32 = GpFactorT<float>;
 
-// Builds a factor; computed in double and rounded once. `inputs` is n x D row-major (unscaled),
-// `weights` (n) is K^-1 y, `inverse_factor` is L^-1, n x n COLUMN-major (only its lower triangle is
-// read). n >= 1, D >= 1. For float, values beyond its range become infinite, and queries NaN or
-// infinite. Instantiated for double and float.
-template <typename T>
-GpFactorT<T> PackGpFactorT(int n, int dim, const double* inputs, const double* lengthscales,
-                           double signal_std, double noise_std, const double* weights,
-                           const double* inverse_factor);
+// What a factor is made of, in double.
+struct GpPosterior {
+  int n = 0, dim = 0;                    // >= 1
+  const double* inputs = nullptr;        // n x D row-major
+  const double* lengthscales = nullptr;  // (D)
+  double signal_std = 0, noise_std = 0;
+  const double* weights = nullptr;         // (n)  K^-1 y
+  const double* inverse_factor = nullptr;  // L^-1, n x n COLUMN-major; its lower triangle is read
+  // V, n x kRowBlock COLUMN-major, its lower trapezoid read, n >= kRowBlock, no zeros on the
+  // diagonal; nullptr: no deflation.
+  const double* deflation = nullptr;
+};
 
-inline GpFactor PackGpFactor(int n, int dim, const double* inputs, const double* lengthscales,
-                             double signal_std, double noise_std, const double* weights,
-                             const double* inverse_factor) {
-  return PackGpFactorT<double>(n, dim, inputs, lengthscales, signal_std, noise_std, weights,
-                               inverse_factor);
-}
+// Builds a factor: computed in double, rounded once. For float, values beyond its range become
+// infinite, and queries NaN or infinite. Instantiated for double and float.
+template <typename T>
+GpFactorT<T> PackGpFactor(const GpPosterior& posterior);
 
 // Bytes of scratch that GpQueryTile needs for a factor.
 std::size_t GpQueryScratchBytes(const GpFactor& factor);
@@ -62,11 +72,13 @@ std::size_t GpQueryScratchBytes(const GpFactor32& factor);
 // n_lanes, its place or its neighbours. A lane whose x is not finite gives NaN in that lane only; a
 // finite x whose s_d x_d - c_d is beyond float gives NaN or the prior. Error against exact
 // arithmetic on the same factor, with eps of T,
-// u = (n + D + 4) eps, a_d = s_d x_d - c_d, b_d = s_d x_id - c_d and
-// e'_i = e_i (1 + sum_d ((a_d - b_d)^2 + |a_d - b_d| (|a_d| + |b_d| + |s_d x_d|))):
-//   mean      u sum_i |weights_i| e'_i
-//   variance  u (signal_variance + 2 sum_r |(W e)_r| sum_j |W_rj| e'_j): it cancels, so that the
+// u = (n + D + 4) eps, a_d = s_d x_d - c_d, p_d = s_d x_id - c_d and
+// b_i = e_i (1 + sum_d ((a_d - p_d)^2 + |a_d - p_d| (|a_d| + |p_d| + |s_d x_d|))):
+//   mean      u sum_i |weights_i| b_i
+//   variance  u (signal_variance + 2 sum_r |(W e)_r| sum_j |W_rj| b_j): it cancels, so that the
 //             relative error grows as the variance falls
+// A deflation adds sum_k |V_ik z_k| to b_i, and to the sums of b its own rounding,
+// sum_i |w'_i e'_i| and sum_j |W'_rj e'_j|.
 void GpQueryTile(const GpFactor& factor, int n_lanes, const double* x, void* scratch, double* mean,
                  double* variance);
 void GpQueryTile(const GpFactor32& factor, int n_lanes, const double* x, void* scratch,

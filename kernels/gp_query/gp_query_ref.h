@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <vector>
@@ -14,46 +15,97 @@ namespace downpour {
 struct GpQueryReference {
   long double mean = 0;
   long double variance = 0;       // not clamped
-  long double mean_absolute = 0;  // sum_i |weights_i| e'_i: scale of the mean's error
-  long double norm_absolute = 0;  // sum_r |(W e)_r| sum_j |W_rj| e'_j
+  long double mean_absolute = 0;  // scales of the errors of the mean
+  long double norm_absolute = 0;  // and of |W e|^2
+};
+
+// e and b of gp_query.h for one query, and after Deflate e' in the place of e.
+struct CovarianceReference {
+  std::vector<long double> e, b;
 };
 
 template <typename T>
-GpQueryReference QueryReference(const GpFactorT<T>& f, const double* x) {
-  GpQueryReference out;
-  std::vector<long double> e(f.n_padded), spread(f.n_padded);
+CovarianceReference ReferenceCovariances(const GpFactorT<T>& f, const double* x) {
+  CovarianceReference out{std::vector<long double>(f.n_padded),
+                          std::vector<long double>(f.n_padded)};
   for (int i = 0; i < f.n_padded; ++i) {
     long double exponent = 0;
     long double magnitude = 0;  // terms of |s x - s x_i|^2 before their cancellation
     for (int k = 0; k < f.dim; ++k) {
       const long double scaled = static_cast<long double>(f.scale[k]) * x[k];
       const long double a = scaled - f.centre[k];
-      const long double b = f.inputs[i * f.dim + k];
-      exponent += (a - b) * (a - b);
-      magnitude += std::abs(a - b) * (std::abs(a) + std::abs(b) + std::abs(scaled));
+      const long double p = f.inputs[i * f.dim + k];
+      exponent += (a - p) * (a - p);
+      magnitude += std::abs(a - p) * (std::abs(a) + std::abs(p) + std::abs(scaled));
     }
-    e[i] = std::exp2(-exponent);
-    spread[i] = e[i] * (1 + exponent + magnitude);
-    out.mean += f.weights[i] * e[i];
-    out.mean_absolute += std::abs(f.weights[i]) * spread[i];
+    out.e[i] = std::exp2(-exponent);
+    out.b[i] = out.e[i] * (1 + exponent + magnitude);
   }
-  std::vector<long double> rows(f.n_padded), absolute(f.n_padded);
+  return out;
+}
+
+template <typename T>
+void Deflate(const GpFactorT<T>& f, CovarianceReference* c) {
+  for (int i = 0; i < f.n_padded; ++i) {
+    const T* const v = f.deflation.data() + i * kRowBlock;
+    for (int k = 0; k < std::min(i, kRowBlock); ++k) {
+      c->e[i] -= v[k] * c->e[k];
+      c->b[i] += std::abs(v[k] * c->e[k]);
+    }
+    if (i < kRowBlock) c->e[i] *= v[i];
+  }
+}
+
+// A row of W from that of W', in place: W' V^-1.
+template <typename T>
+void Undeflate(const GpFactorT<T>& f, std::vector<long double>* row) {
+  for (int k = kRowBlock - 1; k >= 0; --k) {
+    for (int i = k + 1; i < f.n_padded; ++i) {
+      (*row)[k] -= (*row)[i] * f.deflation[i * kRowBlock + k];
+    }
+    (*row)[k] *= f.deflation[k * kRowBlock + k];
+  }
+}
+
+// W row by row, n_padded x n_padded.
+template <typename T>
+std::vector<std::vector<long double>> UnpackTriangle(const GpFactorT<T>& f) {
+  std::vector<std::vector<long double>> rows(f.n_padded, std::vector<long double>(f.n_padded));
   ForEachChunk(f.n_padded, [&](const TriangleChunk& chunk) {
     const T* w = f.triangle.data() + chunk.offset;
     for (int row = chunk.row; row < chunk.end_row; row += kRowBlock) {
       for (int j = chunk.column; j < chunk.column + chunk.Columns(row); ++j) {
-        for (int r = row; r < row + kRowBlock; ++r, ++w) {
-          const long double wrj = *w;
-          rows[r] += wrj * e[j];
-          absolute[r] += std::abs(wrj) * spread[j];
-        }
+        for (int r = row; r < row + kRowBlock; ++r) rows[r][j] = *w++;
       }
     }
   });
+  return rows;
+}
+
+template <typename T>
+GpQueryReference QueryReference(const GpFactorT<T>& f, const double* x) {
+  const bool deflated = !f.deflation.empty();
+  CovarianceReference c = ReferenceCovariances(f, x);
+  if (deflated) Deflate(f, &c);
+  GpQueryReference out;
+  // Returns row e and adds its error's scale to `absolute`.
+  const auto apply = [&](std::vector<long double> row, long double* absolute) {
+    long double sum = 0;
+    for (int j = 0; j < f.n_padded; ++j) {
+      sum += row[j] * c.e[j];
+      if (deflated) *absolute += std::abs(row[j] * c.e[j]);
+    }
+    if (deflated) Undeflate(f, &row);
+    for (int j = 0; j < f.n_padded; ++j) *absolute += std::abs(row[j]) * c.b[j];
+    return sum;
+  };
+  out.mean = apply({f.weights.begin(), f.weights.end()}, &out.mean_absolute);
   out.variance = f.signal_variance;
-  for (int r = 0; r < f.n_padded; ++r) {
-    out.variance -= rows[r] * rows[r];
-    out.norm_absolute += std::abs(rows[r]) * absolute[r];
+  for (const std::vector<long double>& row : UnpackTriangle(f)) {
+    long double absolute = 0;
+    const long double sum = apply(row, &absolute);
+    out.variance -= sum * sum;
+    out.norm_absolute += std::abs(sum) * absolute;
   }
   return out;
 }

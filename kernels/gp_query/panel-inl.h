@@ -22,12 +22,13 @@ constexpr bool kManyRegisters = HWY_MAX_BYTES >= 64;
 template <int kWidth>
 constexpr int kRows = kManyRegisters || kWidth == 1 ? 8 : 4;
 
-// Adds a panel's n_columns columns to its rows of W e, and the rows' squares to the norm once they
-// are complete. Meanwhile fetches a line at every fetch_step elements from `fetch` on.
+// Adds a panel's n_columns columns to its rows of W e, and takes the rows' squares from the
+// variance once they are complete. Meanwhile fetches a line at every fetch_step elements from
+// `fetch` on.
 template <int kWidth, typename T>
 HWY_INLINE void AddPanel(const T* HWY_RESTRICT w, int n_columns, bool begins_rows, bool ends_rows,
                          const T* fetch, int fetch_step, const T* HWY_RESTRICT e,
-                         T* HWY_RESTRICT rows, T* HWY_RESTRICT norm) {
+                         T* HWY_RESTRICT rows, T* HWY_RESTRICT variance) {
   const hn::ScalableTag<T> d;
   using V = hn::Vec<decltype(d)>;
   const size_t lanes = hn::Lanes(d);
@@ -58,9 +59,9 @@ HWY_INLINE void AddPanel(const T* HWY_RESTRICT w, int n_columns, bool begins_row
     }
     for (int v = 0; v < kWidth; ++v) {
       if (ends_rows) {
-        V sum = hn::Load(d, norm + v * lanes);
-        for (int r = 0; r < kRows<kWidth>; ++r) sum = hn::MulAdd(row[r][v], row[r][v], sum);
-        hn::Store(sum, d, norm + v * lanes);
+        V left = hn::Load(d, variance + v * lanes);
+        for (int r = 0; r < kRows<kWidth>; ++r) left = hn::NegMulAdd(row[r][v], row[r][v], left);
+        hn::Store(left, d, variance + v * lanes);
       } else {
         for (int r = 0; r < kRows<kWidth>; ++r) {
           hn::Store(row[r][v], d, kept + (r * kWidth + v) * lanes);

@@ -188,6 +188,43 @@ TEST_CASE("compression: all points are the exact posterior") {
   }
 }
 
+// Root mean square error of a factor's variances at the queries, in noise variances.
+double VarianceError(const GpFactor32& factor, const GpFactor& expected,
+                     const Eigen::MatrixXd& queries) {
+  AlignedVector<double> x(queries.cols() * kTileLanes), mean(kTileLanes), a(kTileLanes),
+      b(kTileLanes);
+  AlignedVector<char> scratch(GpQueryScratchBytes(expected));
+  double sum = 0;
+  for (Eigen::Index q = 0; q < queries.rows(); ++q) {
+    for (Eigen::Index d = 0; d < queries.cols(); ++d) x[d * kTileLanes] = queries(q, d);
+    GpQueryTile(factor, 1, x.data(), scratch.data(), mean.data(), a.data());
+    GpQueryTile(expected, 1, x.data(), scratch.data(), mean.data(), b.data());
+    sum += std::pow((a[0] - b[0]) / expected.noise_variance, 2);
+  }
+  return std::sqrt(sum / static_cast<double>(queries.rows()));
+}
+
+TEST_CASE("compression: deflation takes most of its error from single precision") {
+  const CartpoleReference ref;
+  double plain_error = 0, deflated_error = 0;
+  for (int e = 0; e < 4; ++e) {
+    CAPTURE(e);
+    const ExactGp exact(ref.data.inputs, ref.data.targets.col(e), ref.hyper[e]);
+    const Compression compression(exact, 1e-3);
+    ReducedPosterior posterior = compression.First(compression.size());
+    const GpFactor expected = PackPosterior<double>(exact, posterior);
+    const GpFactor32 deflated = PackPosterior<float>(exact, posterior);
+    REQUIRE(deflated.deflation.size() == deflated.n_padded * std::size_t{kRowBlock});
+    posterior.deflation.resize(0, 0);
+    const GpFactor32 plain = PackPosterior<float>(exact, posterior);
+    REQUIRE(plain.deflation.empty());
+    plain_error += VarianceError(plain, expected, ref.query);
+    deflated_error += VarianceError(deflated, expected, ref.query);
+  }
+  CHECK(deflated_error < plain_error / 2);
+  CHECK(deflated_error > 0);
+}
+
 TEST_CASE("compression: duplicates are picked once and count twice") {
   const Eigen::MatrixXd once = RandomMatrix(20, 2, 3);
   Eigen::MatrixXd twice(40, 2);

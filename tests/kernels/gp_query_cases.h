@@ -10,16 +10,28 @@
 
 namespace downpour {
 
-// A factor with arbitrary lower-triangular W of a size that makes |W e|^2 of order one.
+// A factor with arbitrary lower-triangular W of a size that makes |W e|^2 of order one, and, if
+// asked for (n >= kRowBlock), with an arbitrary deflation.
 template <typename T>
-GpFactorT<T> RandomFactor(int n, int dim, TestNumbers& random) {
+GpFactorT<T> RandomFactor(int n, int dim, TestNumbers& random, bool deflate = false) {
   std::vector<double> inputs(n * dim), lengthscales(dim), weights(n), inverse(n * n);
   for (double& x : inputs) x = 2 * random();
   for (double& l : lengthscales) l = (1.5 + random()) * std::sqrt(dim / 4.0 + 1);
   for (double& w : weights) w = random();
   for (double& w : inverse) w = random() / n;
-  return PackGpFactorT<T>(n, dim, inputs.data(), lengthscales.data(), 1.3, 0.1, weights.data(),
-                          inverse.data());
+  std::vector<double> deflation(n * kRowBlock);
+  for (std::size_t i = 0; i < deflation.size(); ++i) {
+    deflation[i] = i % (n + 1) == 0 ? 1 + 0.5 * random() : 0.3 * random();
+  }
+  return PackGpFactor<T>({.n = n,
+                          .dim = dim,
+                          .inputs = inputs.data(),
+                          .lengthscales = lengthscales.data(),
+                          .signal_std = 1.3,
+                          .noise_std = 0.1,
+                          .weights = weights.data(),
+                          .inverse_factor = inverse.data(),
+                          .deflation = deflate ? deflation.data() : nullptr});
 }
 
 inline AlignedVector<double> RandomQueries(int dim, TestNumbers& random) {

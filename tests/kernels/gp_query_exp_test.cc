@@ -15,8 +15,15 @@ namespace {
 // A factor whose mean is 2^-(x^2) of the one input x, x^2 rounded to T.
 template <typename T>
 GpFactorT<T> PowerFactor() {
-  const double input = 0, lengthscale = 1, weight = 1, inverse = 0;
-  auto factor = PackGpFactorT<T>(1, 1, &input, &lengthscale, 1.0, 1.0, &weight, &inverse);
+  const double zero = 0, one = 1;
+  auto factor = PackGpFactor<T>({.n = 1,
+                                 .dim = 1,
+                                 .inputs = &zero,
+                                 .lengthscales = &one,
+                                 .signal_std = 1,
+                                 .noise_std = 1,
+                                 .weights = &one,
+                                 .inverse_factor = &zero});
   factor.scale[0] = 1;
   return factor;
 }

@@ -18,8 +18,8 @@ namespace {
 // Largest error of mean and variance in units of their bounds, which gp_query.h states, over all
 // lanes and targets.
 template <typename T>
-double WorstErrorOverBound(int n, int dim, TestNumbers& random) {
-  const auto factor = RandomFactor<T>(n, dim, random);
+double WorstErrorOverBound(int n, int dim, TestNumbers& random, bool deflate = false) {
+  const auto factor = RandomFactor<T>(n, dim, random, deflate);
   const auto x = RandomQueries(dim, random);
   std::vector<GpQueryReference> want;
   for (int lane = 0; lane < kTileLanes; ++lane) {
@@ -64,6 +64,35 @@ TEST_CASE_TEMPLATE("gp_query: matches the long-double reference for every dimens
   }
 }
 
+TEST_CASE_TEMPLATE("gp_query: a deflated factor matches the long-double reference", T, double,
+                   float) {
+  TestNumbers random(7);
+  for (const int n : {8, 9, 15, 16, 17, 40, 127, 128, 129, 136, 200}) {
+    CAPTURE(n);
+    CHECK(WorstErrorOverBound<T>(n, 6, random, true) <= 1);
+  }
+}
+
+// What a deflation does to the numbers of a factor does not change its posterior.
+TEST_CASE("gp_query: a deflated factor stands for the same posterior") {
+  for (const int n : {8, 9, 50, 131}) {
+    CAPTURE(n);
+    TestNumbers one(8), other(8), random(9);
+    const auto plain = RandomFactor<double>(n, 5, one);
+    const auto deflated = RandomFactor<double>(n, 5, other, true);
+    REQUIRE(plain.triangle != deflated.triangle);
+    const auto x = RandomQueries(5, random);
+    for (int lane = 0; lane < kTileLanes; ++lane) {
+      const GpQueryReference a = QueryReference(plain, Lane(x, lane).data());
+      const GpQueryReference b = QueryReference(deflated, Lane(x, lane).data());
+      // W' and w' are sums of n terms in double.
+      const double unit = n * std::numeric_limits<double>::epsilon();
+      CHECK(std::abs(a.mean - b.mean) <= unit * b.mean_absolute);
+      CHECK(std::abs(a.variance - b.variance) <= 2 * unit * b.norm_absolute);
+    }
+  }
+}
+
 TEST_CASE_TEMPLATE("gp_query: a centre keeps the digits of inputs far from the origin", T, double,
                    float) {
   TestNumbers random(3);
@@ -73,8 +102,14 @@ TEST_CASE_TEMPLATE("gp_query: a centre keeps the digits of inputs far from the o
   for (double& w : weights) w = random();
   for (double& w : inverse) w = random() / kPoints;
   const std::vector<double> lengthscales(kDim, 1.0);
-  const auto factor = PackGpFactorT<T>(kPoints, kDim, inputs.data(), lengthscales.data(), 1.0, 0.1,
-                                       weights.data(), inverse.data());
+  const auto factor = PackGpFactor<T>({.n = kPoints,
+                                       .dim = kDim,
+                                       .inputs = inputs.data(),
+                                       .lengthscales = lengthscales.data(),
+                                       .signal_std = 1,
+                                       .noise_std = 0.1,
+                                       .weights = weights.data(),
+                                       .inverse_factor = inverse.data()});
   auto x = RandomQueries(kDim, random);
   for (double& v : x) v += 1e6;
   const TileResult got = Query(factor, x);
@@ -135,7 +170,7 @@ TEST_CASE_TEMPLATE("gp_query: a query that is not finite spoils its own lane onl
   });
 }
 
-TEST_CASE_TEMPLATE("gp_query: far from the data the prior comes back exactly", T, double, float) {
+TEST_CASE_TEMPLATE("gp_query: far from the data the prior comes back, rounded once", T, double, float) {
   ForEachTarget([](const char* target) {
     CAPTURE(target);
     TestNumbers random(6);
@@ -144,7 +179,7 @@ TEST_CASE_TEMPLATE("gp_query: far from the data the prior comes back exactly", T
       const TileResult got = Query(factor, AlignedVector<double>(3 * kTileLanes, far));
       for (int lane = 0; lane < kTileLanes; ++lane) {
         CHECK(got.mean[lane] == 0);
-        CHECK(got.variance[lane] == factor.signal_variance);
+        CHECK(got.variance[lane] == static_cast<T>(factor.signal_variance));
       }
     }
   });
@@ -152,8 +187,15 @@ TEST_CASE_TEMPLATE("gp_query: far from the data the prior comes back exactly", T
 
 TEST_CASE_TEMPLATE("gp_query: a variance that cancels below zero is clamped to zero", T, double,
                    float) {
-  const double input = 0, lengthscale = 1, weight = 1, inverse = 2;  // |W e|^2 = 4 > 1
-  const auto factor = PackGpFactorT<T>(1, 1, &input, &lengthscale, 1.0, 0.1, &weight, &inverse);
+  const double zero = 0, one = 1, inverse = 2;  // |W e|^2 = 4 > 1
+  const auto factor = PackGpFactor<T>({.n = 1,
+                                       .dim = 1,
+                                       .inputs = &zero,
+                                       .lengthscales = &one,
+                                       .signal_std = 1,
+                                       .noise_std = 0.1,
+                                       .weights = &one,
+                                       .inverse_factor = &inverse});
   const TileResult got = Query(factor, AlignedVector<double>(kTileLanes, 0.0));
   for (const double variance : got.variance) CHECK(variance == 0);
 }
