@@ -13,6 +13,7 @@
 #include "engine/errors.h"
 #include "engine/learner/execute.h"
 #include "engine/learner/learner_checks.h"
+#include "engine/learner/plan_probes.h"
 #include "engine/learner/planned_model.h"
 #include "engine/learner/platform.h"
 #include "engine/search/search_options.h"
@@ -21,8 +22,8 @@
 namespace downpour {
 namespace {
 
-// Policies whose rollouts give probes for the plan, and candidates whose rollouts check it.
-constexpr int kProbePolicies = 32;
+// Candidates whose rollouts check the plan.
+constexpr int kCheckedCandidates = 32;
 // Checks of the plan during a search, evenly over its budget.
 constexpr int kPlanChecks = 20;
 
@@ -69,40 +70,6 @@ Dataset MakeDataset(const Task& task, const std::vector<Transition>& transitions
   return data;
 }
 
-Eigen::MatrixXd RowsOf(const std::vector<double>& values, int columns) {
-  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  return Eigen::Map<const RowMajor>(values.data(), static_cast<int>(values.size()) / columns,
-                                    columns);
-}
-
-// Inputs like those that the search will meet: rollouts of the exact model by the last policy and
-// by policies drawn as the search's restarts are.
-Eigen::MatrixXd ProbeInputs(const Task& task, const LearnerOptions& options, const Policy& policy,
-                            const std::vector<double>& last_policy, const PlannedModel& model,
-                            std::uint32_t episode) {
-  const std::size_t n_parameters = policy.n_parameters();
-  std::vector<double> parameters(kProbePolicies * n_parameters);
-  std::vector<StreamKey> keys;
-  for (std::uint32_t c = 0; c < kProbePolicies; ++c) {
-    keys.push_back(DeriveKey(options.seed, StreamPurpose::kPlanProbe, {episode, c}));
-    const std::span<double> row(parameters.data() + c * n_parameters, n_parameters);
-    if (c % 2 == 0) {
-      std::copy(last_policy.begin(), last_policy.end(), row.begin());
-      continue;
-    }
-    double u;
-    FillUniforms(keys[c], 1, &u, 1);
-    const double sigma =
-        options.search.restart_sigma * std::pow(10.0, -options.search.restart_decades * u);
-    FillUniforms(keys[c], 2, row.data(), row.size());
-    for (double& value : row) {
-      value = std::clamp(sigma * (2 * value - 1), -options.search.bound, options.search.bound);
-    }
-  }
-  Evaluator evaluator(task, policy, model.exact_factors(), options.rollout);
-  return RowsOf(evaluator.VisitedInputs(parameters, keys), task.n_inputs());
-}
-
 // Learns the model of all transitions so far and plans its queries; fills the record's model
 // fields.
 PlannedModel LearnModel(const Task& task, const LearnerOptions& options, const LearnerState& state,
@@ -121,8 +88,10 @@ PlannedModel LearnModel(const Task& task, const LearnerOptions& options, const L
     record->jitter.push_back(gps.back().jitter() / (signal_std * signal_std));
   }
   PlannedModel model(std::move(gps), options.plan, options.rollout.threads);
-  const Eigen::MatrixXd met = ProbeInputs(task, options, policy, FirstPolicy(state, policy), model,
-                                          static_cast<std::uint32_t>(record->episode));
+  Evaluator evaluator(task, policy, model.exact_factors(), options.rollout);
+  const Eigen::MatrixXd met =
+      ProbeInputs(options.search, FirstPolicy(state, policy), options.seed,
+                  static_cast<std::uint32_t>(record->episode), task.n_inputs(), &evaluator);
   Eigen::MatrixXd probes(data.inputs.rows() + met.rows(), data.inputs.cols());
   probes << data.inputs, met;
   model.Choose(std::move(probes));
@@ -137,15 +106,14 @@ void CheckPlans(const Task& task, const CandidateBatch& batch, int n_parameters,
                 Evaluator* evaluator, PlannedModel* model, EpisodeRecord* record) {
   std::vector<double> parameters;
   std::vector<StreamKey> keys;
-  const int every = std::max(1, batch.n_candidates / kProbePolicies);
+  const int every = std::max(1, batch.n_candidates / kCheckedCandidates);
   for (int c = 0; c < batch.n_candidates; c += every) {
     const auto row = batch.parameters.subspan(static_cast<std::size_t>(c) * n_parameters,
                                               static_cast<std::size_t>(n_parameters));
     parameters.insert(parameters.end(), row.begin(), row.end());
     keys.push_back(batch.keys[c]);
   }
-  const int changed =
-      model->Check(RowsOf(evaluator->VisitedInputs(parameters, keys), task.n_inputs()));
+  const int changed = model->Check(MetInputs(evaluator, parameters, keys, task.n_inputs()));
   if (changed > 0) evaluator->SetFactors(model->factors());
   record->plan_changes += changed;
 }

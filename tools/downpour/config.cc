@@ -268,6 +268,9 @@ ResolvedRun ResolveConfig(const std::vector<Setting>& settings) {
   search.restart_decades = run.task.search_restart_decades;
   ApplySettings(ConfigFields(run.config), settings);
   run.config.mjcf = named.mjcf;
+  if (run.config.observation_std >= 0) {
+    run.task.observation_std.assign(run.task.observation_std.size(), run.config.observation_std);
+  }
   return run;
 }
 

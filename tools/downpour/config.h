@@ -16,6 +16,7 @@ struct RunConfig {
   std::string task;
   std::string preset = "paper";
   std::string mjcf;
+  double observation_std = -1;  // negative: the task's own
   LearnerOptions learner;
   std::string output_directory;
   bool quiet = false;

@@ -26,6 +26,13 @@ std::vector<Field> RunFields(RunConfig& config) {
        .target = &config.mjcf,
        .description = "MJCF file to use in place of the task's own; empty: the task's own.",
        .option_help = "MJCF file to use in place of the task's own."},
+      {.key = "observation_std",
+       .option = "",
+       .target = &config.observation_std,
+       .min = -1,
+       .max = 1000,
+       .description = "Noise std of every observed state variable, in its own unit; negative: the "
+                      "task's own."},
       {.key = "learn.episodes",
        .option = "--episodes",
        .target = &learner.episodes,

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "engine/learner/plan_probes.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace downpour {
+namespace {
+
+constexpr int kProbePolicies = 32;
+
+}  // namespace
+
+void DrawRandomPolicy(const PolicySearchOptions& search, const StreamKey& key,
+                      std::span<double> parameters) {
+  double u;
+  FillUniforms(key, 1, &u, 1);
+  const double sigma = search.restart_sigma * std::pow(10.0, -search.restart_decades * u);
+  FillUniforms(key, 2, parameters.data(), parameters.size());
+  for (double& value : parameters) {
+    value = std::clamp(sigma * (2 * value - 1), -search.bound, search.bound);
+  }
+}
+
+Eigen::MatrixXd MetInputs(Evaluator* evaluator, std::span<const double> parameters,
+                          std::span<const StreamKey> keys, int n_inputs) {
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const std::vector<double> met = evaluator->VisitedInputs(parameters, keys);
+  return Eigen::Map<const RowMajor>(met.data(), static_cast<Eigen::Index>(met.size()) / n_inputs,
+                                    n_inputs);
+}
+
+Eigen::MatrixXd ProbeInputs(const PolicySearchOptions& search,
+                            const std::vector<double>& last_policy, std::uint64_t seed,
+                            std::uint32_t episode, int n_inputs, Evaluator* evaluator) {
+  const std::size_t n_parameters = last_policy.size();
+  std::vector<double> parameters(kProbePolicies * n_parameters);
+  std::vector<StreamKey> keys;
+  for (std::uint32_t c = 0; c < kProbePolicies; ++c) {
+    keys.push_back(DeriveKey(seed, StreamPurpose::kPlanProbe, {episode, c}));
+    const std::span<double> row(parameters.data() + c * n_parameters, n_parameters);
+    if (c % 2 == 0) {
+      std::copy(last_policy.begin(), last_policy.end(), row.begin());
+    } else {
+      DrawRandomPolicy(search, keys[c], row);
+    }
+  }
+  return MetInputs(evaluator, parameters, keys, n_inputs);
+}
+
+}  // namespace downpour

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "engine/rollout/evaluator.h"
+#include "engine/search/policy_search.h"
+
+namespace downpour {
+
+// Fills `parameters` (P) with a random policy, drawn from `key` as the search's restarts are:
+// uniform in +-sigma, sigma = restart_sigma 10^(-restart_decades U), within the bound.
+void DrawRandomPolicy(const PolicySearchOptions& search, const StreamKey& key,
+                      std::span<double> parameters);
+
+// Inputs (n horizon x D, features and action) that one rollout of each of the n candidates meets:
+// Evaluator::VisitedInputs as a matrix.
+Eigen::MatrixXd MetInputs(Evaluator* evaluator, std::span<const double> parameters,
+                          std::span<const StreamKey> keys, int n_inputs);
+
+// Inputs like those that a search will meet (rows x D), to choose plans on: 32 rollouts of the
+// evaluator's model, half of them by `last_policy` (P), the others by random policies. The streams
+// are those of (seed, episode).
+Eigen::MatrixXd ProbeInputs(const PolicySearchOptions& search,
+                            const std::vector<double>& last_policy, std::uint64_t seed,
+                            std::uint32_t episode, int n_inputs, Evaluator* evaluator);
+
+}  // namespace downpour
