@@ -131,20 +131,14 @@ Eigen::MatrixXd FreshInputs(const Task& task, const PolicySearchOptions& search,
                             const std::vector<double>& found, std::uint32_t model, int n_inputs,
                             Evaluator* evaluator) {
   const int n_rollouts = (n_inputs + task.horizon - 1) / task.horizon;
-  std::vector<double> parameters, noise(found.size());
+  std::vector<double> parameters;
   std::vector<StreamKey> keys;
   for (std::uint32_t c = 0; c < static_cast<std::uint32_t>(n_rollouts); ++c) {
     keys.push_back(DeriveKey(0, StreamPurpose::kEvaluate, {model, c, 0}));
-    const StreamKey key = DeriveKey(0, StreamPurpose::kEvaluate, {model, c, 1});
+    const StreamKey policy_key = DeriveKey(0, StreamPurpose::kEvaluate, {model, c, 1});
     std::vector<double> row = found;
-    if (c % 3 == 1) {
-      FillNormals(key, 0, noise.data(), noise.size());
-      for (std::size_t p = 0; p < row.size(); ++p) {
-        row[p] = std::clamp(row[p] + search.first_sigma * noise[p], -search.bound, search.bound);
-      }
-    } else if (c % 3 == 2) {
-      DrawRandomPolicy(search, key, row);
-    }
+    if (c % 3 == 1) PerturbPolicy(search, policy_key, row);
+    if (c % 3 == 2) DrawRandomPolicy(search, policy_key, row);
     parameters.insert(parameters.end(), row.begin(), row.end());
   }
   return MetInputs(evaluator, parameters, keys, task.n_inputs());

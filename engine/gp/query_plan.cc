@@ -14,7 +14,7 @@
 namespace downpour {
 namespace {
 
-constexpr int kMaxProbes = 2048;
+constexpr int kMaxProbes = 8192;
 // Probes may use half of the tolerance.
 constexpr double kMargin = 0.5;
 // Half decades: neighbours differ by about one block of rows at n = 320.

@@ -7,18 +7,28 @@
 namespace downpour {
 namespace {
 
-constexpr int kProbePolicies = 32;
+constexpr std::uint32_t kProbePolicies = 96;
 
 }  // namespace
 
 void DrawRandomPolicy(const PolicySearchOptions& search, const StreamKey& key,
                       std::span<double> parameters) {
   double u;
-  FillUniforms(key, 1, &u, 1);
+  FillUniforms(key, 0, &u, 1);
   const double sigma = search.restart_sigma * std::pow(10.0, -search.restart_decades * u);
-  FillUniforms(key, 2, parameters.data(), parameters.size());
+  FillUniforms(key, 1, parameters.data(), parameters.size());
   for (double& value : parameters) {
     value = std::clamp(sigma * (2 * value - 1), -search.bound, search.bound);
+  }
+}
+
+void PerturbPolicy(const PolicySearchOptions& search, const StreamKey& key,
+                   std::span<double> parameters) {
+  std::vector<double> z(parameters.size());
+  FillNormals(key, 0, z.data(), z.size());
+  for (std::size_t p = 0; p < z.size(); ++p) {
+    parameters[p] =
+        std::clamp(parameters[p] + search.first_sigma * z[p], -search.bound, search.bound);
   }
 }
 
@@ -37,13 +47,15 @@ Eigen::MatrixXd ProbeInputs(const PolicySearchOptions& search,
   std::vector<double> parameters(kProbePolicies * n_parameters);
   std::vector<StreamKey> keys;
   for (std::uint32_t c = 0; c < kProbePolicies; ++c) {
-    keys.push_back(DeriveKey(seed, StreamPurpose::kPlanProbe, {episode, c}));
+    keys.push_back(DeriveKey(seed, StreamPurpose::kPlanProbe, {episode, c, 0}));
+    const StreamKey policy_key = DeriveKey(seed, StreamPurpose::kPlanProbe, {episode, c, 1});
     const std::span<double> row(parameters.data() + c * n_parameters, n_parameters);
-    if (c % 2 == 0) {
-      std::copy(last_policy.begin(), last_policy.end(), row.begin());
-    } else {
-      DrawRandomPolicy(search, keys[c], row);
+    if (c % 3 == 2) {
+      DrawRandomPolicy(search, policy_key, row);
+      continue;
     }
+    std::copy(last_policy.begin(), last_policy.end(), row.begin());
+    if (c % 3 == 1) PerturbPolicy(search, policy_key, row);
   }
   return MetInputs(evaluator, parameters, keys, n_inputs);
 }

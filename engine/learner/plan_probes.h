@@ -16,14 +16,19 @@ namespace downpour {
 void DrawRandomPolicy(const PolicySearchOptions& search, const StreamKey& key,
                       std::span<double> parameters);
 
+// Moves a policy (P) by first_sigma z, z standard normal from `key`, within the bound: as the
+// search's first run draws its first candidates.
+void PerturbPolicy(const PolicySearchOptions& search, const StreamKey& key,
+                   std::span<double> parameters);
+
 // Inputs (n horizon x D, features and action) that one rollout of each of the n candidates meets:
 // Evaluator::VisitedInputs as a matrix.
 Eigen::MatrixXd MetInputs(Evaluator* evaluator, std::span<const double> parameters,
                           std::span<const StreamKey> keys, int n_inputs);
 
-// Inputs like those that a search will meet (rows x D), to choose plans on: 32 rollouts of the
-// evaluator's model, half of them by `last_policy` (P), the others by random policies. The streams
-// are those of (seed, episode).
+// Inputs like those that a search will meet (rows x D), to choose plans on: 96 rollouts of the
+// evaluator's model, a third by `last_policy` (P), a third by policies around it and a third by
+// random ones. The streams are those of (seed, episode).
 Eigen::MatrixXd ProbeInputs(const PolicySearchOptions& search,
                             const std::vector<double>& last_policy, std::uint64_t seed,
                             std::uint32_t episode, int n_inputs, Evaluator* evaluator);
