@@ -54,27 +54,26 @@ TEST_CASE("plan_probes: policies around one differ from it by first_sigma, withi
   CHECK(*std::min_element(moved.begin(), moved.end()) >= -1.2);
 }
 
-TEST_CASE("plan_probes: a third of the inputs are those of the last policy") {
+TEST_CASE("plan_probes: thirds by the last policy, by policies around it and by random ones") {
   const Task task = PointMassTask();
   const auto policy = MakeNeuralNetworkPolicy(task, 1);
   // A model of one point that predicts next to nothing.
   const ExactGp gp(Eigen::MatrixXd::Zero(1, 3), Eigen::VectorXd::Zero(1), {{1, 1, 1}, 0.1, 0.1});
   const std::vector<QueryFactor> factors(2, gp.Pack());
   Evaluator evaluator(task, *policy, factors, {});
+  PolicySearchOptions search;
+  search.first_sigma = 1e-6;
   // u = 2 tanh(b1): the same action always.
   const std::vector<double> last = {0, 0, 0, 0, 0.3};
-  const Eigen::MatrixXd inputs = ProbeInputs({}, last, 3, 4, task.n_inputs(), &evaluator);
+  const Eigen::MatrixXd inputs = ProbeInputs(search, last, 3, 4, task.n_inputs(), &evaluator);
   REQUIRE(inputs.rows() == 96 * task.horizon);
   REQUIRE(inputs.cols() == 3);
   CHECK(inputs.allFinite());
-  const double action = 2 * std::tanh(0.3);
-  int of_last = 0;
-  for (Eigen::Index i = 0; i < inputs.rows(); ++i) {
-    of_last += std::abs(inputs(i, 2) - action) <= 1e-12;
-  }
-  CHECK(of_last == 32 * task.horizon);
-  CHECK(inputs == ProbeInputs({}, last, 3, 4, task.n_inputs(), &evaluator));
-  CHECK(inputs != ProbeInputs({}, last, 3, 5, task.n_inputs(), &evaluator));
+  const Eigen::ArrayXd distance = (inputs.col(2).array() - 2 * std::tanh(0.3)).abs();
+  CHECK((distance <= 1e-12).count() == 32 * task.horizon);
+  CHECK((distance <= 1e-4).count() == 64 * task.horizon);
+  CHECK(inputs == ProbeInputs(search, last, 3, 4, task.n_inputs(), &evaluator));
+  CHECK(inputs != ProbeInputs(search, last, 3, 5, task.n_inputs(), &evaluator));
 }
 
 }  // namespace
