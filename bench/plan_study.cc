@@ -234,19 +234,33 @@ void Print(const Row& r) {
   std::fflush(stdout);
 }
 
-void WriteCsv(const std::string& path, const std::vector<Row>& rows) {
-  std::ofstream file(path);
-  file << "model,output,n,ratio,points,precision,tau,probe_variance,probe_mean,fresh_variance,"
-          "fresh_mean,unsound,exact_ns [ns],plan_ns [ns],per_query_ns [ns]\n";
-  for (const Row& r : rows) {
-    file << r.model << ',' << r.output << ',' << r.n << ',' << r.ratio << ',' << r.points << ','
-         << r.precision << ',' << r.tau << ',' << r.probe.variance << ',' << r.probe.mean << ','
-         << r.fresh.variance << ',' << r.fresh.mean << ',' << r.unsound << ',' << r.exact_ns << ','
-         << r.plan_ns << ',' << r.per_query_ns << '\n';
+// The lines as CSV; "": no file.
+class CsvFile {
+ public:
+  explicit CsvFile(const std::string& path) : path_(path) {
+    if (path.empty()) return;
+    file_.open(path);
+    file_ << "model,output,n,ratio,points,precision,tau,probe_variance,probe_mean,fresh_variance,"
+             "fresh_mean,unsound,exact_ns [ns],plan_ns [ns],per_query_ns [ns]\n";
+    Flush();
   }
-  file.close();
-  if (!file) throw FileError("cannot write " + path);
-}
+  void Write(const Row& r) {
+    if (path_.empty()) return;
+    file_ << r.model << ',' << r.output << ',' << r.n << ',' << r.ratio << ',' << r.points << ','
+          << r.precision << ',' << r.tau << ',' << r.probe.variance << ',' << r.probe.mean << ','
+          << r.fresh.variance << ',' << r.fresh.mean << ',' << r.unsound << ',' << r.exact_ns << ','
+          << r.plan_ns << ',' << r.per_query_ns << '\n';
+    Flush();
+  }
+
+ private:
+  void Flush() {
+    file_.flush();
+    if (!file_) throw FileError("cannot write " + path_);
+  }
+  std::string path_;
+  std::ofstream file_;
+};
 
 // Mean over the outputs of the model at rows [first, first + E).
 double MeanOf(const std::vector<Row>& rows, std::size_t first, int n_outputs, double Row::*value) {
@@ -313,7 +327,12 @@ std::vector<Row> StudyAll(const Task& task, const Arguments& arguments) {
   std::vector<Hyperparameters> warm;
   std::filesystem::path last_run;
   std::uint32_t index = 0;
-  for (const Source& source : Sources(task, arguments)) {
+  const std::vector<Source> sources = Sources(task, arguments);
+  CsvFile csv(arguments.csv);
+  std::printf("%-18s %-14s %4s %6s %5s %4s %6s  %-13s  %-13s %2s  %8s %7s %8s\n", "run/episodes",
+              "output", "n", "sf/sn", "m", "", "tau", "probes: v, m", "fresh: v, m", "!",
+              "exact ns", "plan ns", "1-by-1");
+  for (const Source& source : sources) {
     if (source.run != last_run) warm.clear();
     last_run = source.run;
     LearntModel model = Learn(arguments, source, warm);
@@ -321,6 +340,7 @@ std::vector<Row> StudyAll(const Task& task, const Arguments& arguments) {
     const Eigen::MatrixXd fresh = ChooseAndMeet(task, arguments, source, index++, &model.planned);
     for (const Row& row : Measure(task, arguments, source, model, fresh)) {
       Print(row);
+      csv.Write(row);
       rows.push_back(row);
     }
   }
@@ -354,11 +374,7 @@ int Main(int argc, char** argv) {
   CLI11_PARSE(app, argc, argv);
 
   const Task task = MakeTask(arguments.task);
-  std::printf("%-18s %-14s %4s %6s %5s %4s %6s  %-13s  %-13s %2s  %8s %7s %8s\n", "run/episodes",
-              "output", "n", "sf/sn", "m", "", "tau", "probes: v, m", "fresh: v, m", "!",
-              "exact ns", "plan ns", "1-by-1");
   const std::vector<Row> rows = StudyAll(task, arguments);
-  if (!arguments.csv.empty()) WriteCsv(arguments.csv, rows);
   return PrintSummary(arguments, rows, task.n_states()) ? 0 : 1;
 }
 
