@@ -88,8 +88,8 @@ bool Within(const PlanErrors& errors, const PlanErrors& tolerance) {
 }
 
 // Worst errors over the tiles; gives up after the first tile above the tolerance.
-template <typename T>
-PlanErrors Compare(const GpFactorT<T>& factor, const Tiles& tiles, const Answers& exact,
+template <typename Factor>
+PlanErrors Compare(const Factor& factor, const Tiles& tiles, const Answers& exact,
                    const PlanErrors& tolerance) {
   AlignedVector<char> scratch(GpQueryScratchBytes(factor));
   AlignedVector<double> mean(kTileLanes), variance(kTileLanes);
@@ -155,7 +155,12 @@ OutputPlan ChoosePlan(const ExactGp& exact, const Eigen::MatrixXd& probes,
   const int n = static_cast<int>(exact.inputs().rows());
   const int dim = static_cast<int>(exact.inputs().cols());
   const Tiles tiles(probes, dim, kMaxProbes);
-  OutputPlan plan{.n = n, .points = n, .factor = exact.Pack()};
+  OutputPlan plan{.n = n, .points = n};
+  if (options.backend == QueryBackend::kBlas) {
+    plan.factor = MakeBlasFactor(exact);
+    return plan;
+  }
+  plan.factor = exact.Pack();
   const PlanErrors tolerance{kMargin * options.variance_tolerance,
                              kMargin * options.mean_tolerance};
   if (tolerance.variance == 0 || tolerance.mean == 0 || tiles.n() == 0) return plan;

@@ -2,12 +2,27 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
+#include <cstddef>
 #include <variant>
 
+#include "engine/gp/blas_query.h"
 #include "engine/gp/gp_model.h"
 #include "kernels/gp_query/gp_query.h"
 
 namespace downpour {
+
+// What answers queries.
+enum class QueryBackend {
+  kFused,  // the fused kernel, by plan
+  kBlas,   // OpenBLAS, exact fp64 whatever the tolerances
+};
+
+// The backends' names to users and in files, in their order.
+inline constexpr std::array kQueryBackendNames = {"fused", "blas"};
+inline const char* QueryBackendName(QueryBackend backend) {
+  return kQueryBackendNames.at(static_cast<std::size_t>(backend));
+}
 
 // Largest error of a query that a plan may make, against the exact fp64 posterior.
 struct QueryPlanOptions {
@@ -15,6 +30,7 @@ struct QueryPlanOptions {
   double variance_tolerance = 0.02;
   // |mean error| / sqrt(variance + noise variance); [0, 1], 0: exact fp64.
   double mean_tolerance = 0.05;
+  QueryBackend backend = QueryBackend::kFused;
 };
 
 // Worst errors over some inputs, in the units of QueryPlanOptions; infinite where an answer is NaN.
@@ -23,8 +39,8 @@ struct PlanErrors {
   double mean = 0;
 };
 
-// A posterior in either precision.
-using QueryFactor = std::variant<GpFactor, GpFactor32>;
+// A posterior for the fused kernel in either precision, or for OpenBLAS.
+using QueryFactor = std::variant<GpFactor, GpFactor32, BlasFactor>;
 
 // How one output's queries are answered.
 struct OutputPlan {
@@ -33,9 +49,13 @@ struct OutputPlan {
   int n = 0;                 // training points
   int points = 0;            // points of the factor; n unless compressed
   double tau = 0;            // of the compression (Compression::PointsFor), 0 unless compressed
-  PlanErrors probe_errors;   // measured on the probes; 0 for exact fp64
+  PlanErrors probe_errors;   // measured on the probes; 0 for exact fp64, by BLAS too
   double relative_cost = 1;  // modelled cost of a query, exact fp64 = 1
   QueryFactor factor;
+
+  QueryBackend backend() const {
+    return std::holds_alternative<BlasFactor>(factor) ? QueryBackend::kBlas : QueryBackend::kFused;
+  }
 };
 
 // Modelled cost of one query of mean and variance by m points, in fp64 FMA slots a lane.
@@ -49,6 +69,7 @@ double QueryCost(int points, int dim, bool single_precision);
 // blocks of the kernel's rows.
 //   probes   rows x D: training inputs and inputs met by rollouts, whose spread counts; of more
 //            than 2048 every k-th is used. No probes: exact fp64.
+// With the BLAS backend the plan is exact fp64 and nothing is measured.
 // Throws InvalidInput for options out of range, probes of another dimension or not finite ones.
 // Deterministic, thread-safe, allocates; O(n^3) and some 10 ms an output at n = 320.
 OutputPlan ChoosePlan(const ExactGp& exact, const Eigen::MatrixXd& probes,

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "engine/learner/checkpoint.h"
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <limits>
@@ -52,7 +53,7 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   const auto& [episodes, random_episodes, until_solved, hidden_units, seed, threads, model, plan,
                search, rollout] = options;
   const auto& [restarts, max_evaluations] = model;
-  const auto& [variance_tolerance, mean_tolerance] = plan;
+  const auto& [variance_tolerance, mean_tolerance, backend] = plan;
   const auto& [use_variance, predict_noise, sample_clamp, rollout_threads] = rollout;
   const auto& [evaluations, population, rollouts, max_rollouts, concurrent, exploration,
                final_rollouts, bound, first_sigma, restart_sigma, restart_decades, search_threads,
@@ -67,6 +68,7 @@ Json Settings(const Task& task, const LearnerOptions& options) {
                    {"model.max_evaluations", max_evaluations},
                    {"model.tolerance", JsonNumber(variance_tolerance)},
                    {"model.mean_tolerance", JsonNumber(mean_tolerance)},
+                   {"model.backend", QueryBackendName(backend)},
                    {"rollout.variance", use_variance},
                    {"rollout.predict_noise", predict_noise},
                    {"rollout.sample_clamp", JsonNumber(sample_clamp)},
@@ -115,7 +117,8 @@ Json EpisodeToJson(const EpisodeRecord& record) {
   }
   Json plans = Json::array();
   for (const PlanRecord& plan : record.plans) {
-    plans.push_back({{"points", plan.points},
+    plans.push_back({{"backend", QueryBackendName(plan.backend)},
+                     {"points", plan.points},
                      {"single_precision", plan.single_precision},
                      {"tau", JsonNumber(plan.tau)},
                      {"relative_cost", JsonNumber(plan.relative_cost)},
@@ -169,6 +172,11 @@ RunRecord RunFromJson(const JsonField& field) {
 
 PlanRecord PlanFromJson(const JsonField& field) {
   PlanRecord plan;
+  const std::string backend = field["backend"].String();
+  const auto& names = kQueryBackendNames;
+  const auto found = std::find(names.begin(), names.end(), backend);
+  if (found == names.end()) field["backend"].Fail("one of fused, blas");
+  plan.backend = static_cast<QueryBackend>(found - names.begin());
   plan.points = field["points"].Int(1, kMaxInt);
   plan.single_precision = field["single_precision"].Bool();
   plan.tau = field["tau"].Number();

@@ -111,14 +111,15 @@ std::string HyperparametersCsv(const Task& task, const LearnerState& state) {
 
 std::string PlansCsv(const Task& task, const LearnerState& state) {
   std::string csv =
-      "episode,output,n,points,precision,tau,relative_cost,variance_error,mean_error,changes\n";
+      "episode,output,backend,n,points,precision,tau,relative_cost,variance_error,mean_error,"
+      "changes\n";
   for (const EpisodeRecord& record : state.episodes) {
     for (std::size_t e = 0; e < record.plans.size(); ++e) {
       const PlanRecord& plan = record.plans[e];
       AppendRow({std::to_string(record.episode), CsvField(task.states[e].name),
-                 std::to_string(record.points), std::to_string(plan.points),
-                 plan.single_precision ? "fp32" : "fp64", CsvField(plan.tau),
-                 CsvField(plan.relative_cost), CsvField(plan.variance_error),
+                 QueryBackendName(plan.backend), std::to_string(record.points),
+                 std::to_string(plan.points), plan.single_precision ? "fp32" : "fp64",
+                 CsvField(plan.tau), CsvField(plan.relative_cost), CsvField(plan.variance_error),
                  CsvField(plan.mean_error), std::to_string(record.plan_changes)},
                 &csv);
     }

@@ -147,8 +147,9 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
       static_cast<double>(statistics.rollouts) / static_cast<double>(statistics.lanes);
   for (std::size_t e = 0; e < model->plans().size(); ++e) {
     const OutputPlan& plan = model->plans()[e];
-    record->plans.push_back({plan.points, plan.single_precision, plan.tau, plan.relative_cost,
-                             model->errors()[e].variance, model->errors()[e].mean});
+    record->plans.push_back({plan.backend(), plan.points, plan.single_precision, plan.tau,
+                             plan.relative_cost, model->errors()[e].variance,
+                             model->errors()[e].mean});
   }
   record->search_seconds = SecondsSince(start);
 }

@@ -51,11 +51,13 @@ struct Platform {
 
 // The plan of one output (engine/gp/query_plan.h).
 struct PlanRecord {
+  QueryBackend backend = QueryBackend::kFused;
   int points = 0;  // of the factor; fewer than the data: compressed
   bool single_precision = false;
   double tau = 0;             // of the compression; 0: none
   double relative_cost = 1;   // modelled, exact fp64 = 1
-  double variance_error = 0;  // worst seen, |error| / (variance + noise variance)
+  double variance_error = 0;  // worst seen, |error| / (variance + noise variance); by BLAS: the
+                              // difference from the fused kernel's exact fp64
   bool operator==(const PlanRecord&) const = default;
   double mean_error = 0;  // worst seen, |error| / sqrt(variance + noise variance)
 };

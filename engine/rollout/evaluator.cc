@@ -4,6 +4,7 @@
 #include <omp.h>
 
 #include <algorithm>
+#include <array>
 #include <limits>
 #include <string>
 #include <variant>
@@ -16,8 +17,8 @@
 
 namespace downpour {
 
-// One thread's arrays, [variable][kTileLanes], carved from one aligned block; it lives on the
-// thread's stack for one tile.
+// One tile's arrays, [variable][kTileLanes], carved from the thread's aligned scratch; it lives on
+// the thread's stack for one block.
 struct Evaluator::TileScratch {
   double* parameters;  // P
   double* states;      // E
@@ -28,21 +29,20 @@ struct Evaluator::TileScratch {
   double* rewards;     // 1
   double* sums;        // 1
   double* alive;       // 1
-  double* gp;          // GpQueryScratchBytes of the largest factor
   alignas(kAlignment) std::uint32_t keys0[kTileLanes];
   alignas(kAlignment) std::uint32_t keys1[kTileLanes];
   alignas(kAlignment) std::uint32_t rollouts[kTileLanes];
 
-  static std::size_t Size(const Task& task, int n_parameters, std::size_t gp_size) {
+  static std::size_t Size(const Task& task, int n_parameters) {
     const std::size_t rows = n_parameters + 4 * task.n_states() + task.n_inputs() + 3;
-    return rows * kTileLanes + gp_size;
+    return rows * kTileLanes;
   }
 
-  // Parts of `block`, which holds Size(...) doubles.
-  TileScratch(const Task& task, int n_parameters, double* block) {
-    const auto take = [&block](std::size_t rows) {
-      double* const part = block;
-      block += rows * kTileLanes;
+  // Takes parts of `memory`, which holds Size(...) doubles.
+  void Carve(const Task& task, int n_parameters, double* memory) {
+    const auto take = [&memory](std::size_t rows) {
+      double* const part = memory;
+      memory += rows * kTileLanes;
       return part;
     };
     const std::size_t n_states = task.n_states();
@@ -55,7 +55,6 @@ struct Evaluator::TileScratch {
     rewards = take(1);
     sums = take(1);
     alive = take(1);
-    gp = block;
   }
 };
 
@@ -64,14 +63,21 @@ namespace {
 // Step index of the stream that draws start states; steps of the horizon are 0, 1, ...
 constexpr std::uint32_t kStartStep = 0xFFFFFFFF;
 
-// Doubles of scratch that the largest factor takes.
-std::size_t LargestGpScratch(std::span<const QueryFactor> factors) {
+// Doubles of scratch that queries of the largest factor take.
+std::size_t LargestGpScratch(std::span<const QueryFactor> factors, int block_tiles) {
   std::size_t bytes = 0;
   for (const QueryFactor& factor : factors) {
-    std::visit([&](const auto& f) { bytes = std::max(bytes, GpQueryScratchBytes(f)); }, factor);
+    if (const auto* blas = std::get_if<BlasFactor>(&factor)) {
+      bytes = std::max(bytes, BlasQueryScratchBytes(*blas, block_tiles));
+    } else {
+      std::visit([&](const auto& f) { bytes = std::max(bytes, GpQueryScratchBytes(f)); }, factor);
+    }
   }
   return (bytes + sizeof(double) - 1) / sizeof(double);
 }
+
+// Lanes of a tile that begins `before` lanes into a block of n.
+int TileLanes(int n, int before) { return std::min(kTileLanes, n - before); }
 
 // Builds the message only when it is needed: Evaluate does not allocate.
 template <typename Message>
@@ -102,7 +108,14 @@ void Evaluator::SetFactors(std::span<const QueryFactor> factors) {
     });
   }
   factors_ = factors;
-  scratch_size_ = TileScratch::Size(task_, policy_.n_parameters(), LargestGpScratch(factors));
+  block_tiles_ = std::any_of(factors.begin(), factors.end(),
+                             [](const QueryFactor& factor) {
+                               return std::holds_alternative<BlasFactor>(factor);
+                             })
+                     ? kBlasTiles
+                     : 1;
+  tile_size_ = TileScratch::Size(task_, policy_.n_parameters());
+  scratch_size_ = block_tiles_ * tile_size_ + LargestGpScratch(factors, block_tiles_);
   scratch_.resize(scratch_size_ * options_.threads);
 }
 
@@ -153,14 +166,16 @@ void Evaluator::Run(std::span<const double> parameters, std::span<const StreamKe
     return "room for " + std::to_string(returns.size()) + " returns: must be " +
            std::to_string(n_lanes);
   });
-  const int n_tiles = (n_lanes + kTileLanes - 1) / kTileLanes;
+  const std::int64_t n_tiles = (n_lanes + kTileLanes - 1) / kTileLanes;
+  // As few blocks as hold them, as equal as whole tiles allow.
+  const std::int64_t n_blocks = (n_tiles + block_tiles_ - 1) / block_tiles_;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(options_.threads)
-  for (int tile = 0; tile < n_tiles; ++tile) {
-    TileScratch scratch(task_, policy_.n_parameters(),
-                        scratch_.data() + scratch_size_ * omp_get_thread_num());
-    const int first = tile * kTileLanes;
-    RunTile(parameters, keys, first, std::min(kTileLanes, n_lanes - first), &scratch,
-            returns.data() + first, visited);
+  for (std::int64_t block = 0; block < n_blocks; ++block) {
+    const int first = static_cast<int>(block * n_tiles / n_blocks) * kTileLanes;
+    const int end = static_cast<int>((block + 1) * n_tiles / n_blocks) * kTileLanes;
+    RunBlock(parameters, keys, first, std::min(end, n_lanes) - first,
+             scratch_.data() + scratch_size_ * omp_get_thread_num(), returns.data() + first,
+             visited);
   }
 }
 
@@ -187,20 +202,48 @@ void Evaluator::PackTile(std::span<const double> parameters, std::span<const Str
   }
   std::fill_n(s.sums, kTileLanes, 0.0);
   std::fill_n(s.alive, kTileLanes, 1.0);
+  // Lanes beyond n need not be queried: their means stay at what they are here.
+  std::fill_n(s.means, kTileLanes * task_.n_states(), 0.0);
+  std::fill_n(s.variances, kTileLanes * task_.n_states(), 0.0);
   FeatureTile(task_.features.data(), task_.n_features(), s.states, s.inputs);
 }
 
-// One step from the features and actions in scratch.inputs to the next features and reward.
-void Evaluator::AdvanceTile(std::uint32_t step, int n, const TileScratch& s) const {
-  const int n_states = task_.n_states();
-  for (int e = 0; e < n_states; ++e) {
-    double* const variance = options_.use_variance ? s.variances + e * kTileLanes : nullptr;
-    std::visit(
-        [&](const auto& factor) {
-          GpQueryTile(factor, n, s.inputs, s.gp, s.means + e * kTileLanes, variance);
-        },
-        factors_[e]);
+void Evaluator::ActTile(std::uint32_t step, int first, int n, const TileScratch& s,
+                        double* visited) const {
+  policy_.ActTile(s.parameters, s.inputs, s.inputs + task_.n_features() * kTileLanes);
+  if (visited == nullptr) return;
+  const int dim = task_.n_inputs();
+  for (int lane = 0; lane < n; ++lane) {
+    const std::size_t row = static_cast<std::size_t>(first + lane) * task_.horizon + step;
+    for (int d = 0; d < dim; ++d) visited[row * dim + d] = s.inputs[d * kTileLanes + lane];
   }
+}
+
+void Evaluator::QueryBlock(int n, std::span<const TileScratch> tiles, double* gp_scratch) const {
+  for (int e = 0; e < task_.n_states(); ++e) {
+    const int at = e * kTileLanes;
+    if (const auto* blas = std::get_if<BlasFactor>(&factors_[e])) {
+      const TileScratch& s = tiles.front();
+      BlasQuery(*blas, static_cast<int>(tiles.size()), tile_size_, s.inputs, gp_scratch,
+                s.means + at, options_.use_variance ? s.variances + at : nullptr);
+      continue;
+    }
+    int before = 0;
+    for (const TileScratch& s : tiles) {
+      std::visit(
+          [&](const auto& factor) {
+            GpQueryTile(factor, TileLanes(n, before), s.inputs, gp_scratch, s.means + at,
+                        options_.use_variance ? s.variances + at : nullptr);
+          },
+          factors_[e]);
+      before += kTileLanes;
+    }
+  }
+}
+
+// From the queries' answers to the next features and reward.
+void Evaluator::AdvanceTile(std::uint32_t step, const TileScratch& s) const {
+  const int n_states = task_.n_states();
   if (options_.use_variance) NormalTile(s.keys0, s.keys1, s.rollouts, step, n_states, s.normals);
   for (int e = 0; e < n_states; ++e) {
     const int at = e * kTileLanes;
@@ -216,27 +259,30 @@ void Evaluator::AdvanceTile(std::uint32_t step, int n, const TileScratch& s) con
   for (int lane = 0; lane < kTileLanes; ++lane) s.sums[lane] += s.rewards[lane];
 }
 
-void Evaluator::RunTile(std::span<const double> parameters, std::span<const StreamKey> keys,
-                        int first, int n, TileScratch* scratch, double* returns,
-                        double* visited) const {
-  PackTile(parameters, keys, first, n, scratch);
-  const TileScratch& s = *scratch;
-  // Lanes beyond n are not queried: their means stay at what they are here.
-  std::fill_n(s.means, kTileLanes * task_.n_states(), 0.0);
-  std::fill_n(s.variances, kTileLanes * task_.n_states(), 0.0);
-  const int dim = task_.n_inputs();
+void Evaluator::RunBlock(std::span<const double> parameters, std::span<const StreamKey> keys,
+                         int first, int n, double* scratch, double* returns,
+                         double* visited) const {
+  std::array<TileScratch, kBlasTiles> all_tiles;
+  const int n_tiles = (n + kTileLanes - 1) / kTileLanes;
+  const std::span<TileScratch> tiles(all_tiles.data(), n_tiles);
+  double* const gp_scratch = scratch + block_tiles_ * tile_size_;
+  for (int t = 0; t < n_tiles; ++t) {
+    const int before = t * kTileLanes;
+    tiles[t].Carve(task_, policy_.n_parameters(), scratch + t * tile_size_);
+    PackTile(parameters, keys, first + before, TileLanes(n, before), &tiles[t]);
+  }
   for (int step = 0; step < task_.horizon; ++step) {
-    policy_.ActTile(s.parameters, s.inputs, s.inputs + task_.n_features() * kTileLanes);
-    if (visited != nullptr) {
-      for (int lane = 0; lane < n; ++lane) {
-        const std::size_t row = static_cast<std::size_t>(first + lane) * task_.horizon + step;
-        for (int d = 0; d < dim; ++d) visited[row * dim + d] = s.inputs[d * kTileLanes + lane];
-      }
+    for (int t = 0; t < n_tiles; ++t) {
+      const int before = t * kTileLanes;
+      ActTile(step, first + before, TileLanes(n, before), tiles[t], visited);
     }
-    AdvanceTile(step, n, s);
+    QueryBlock(n, tiles, gp_scratch);
+    for (const TileScratch& tile : tiles) AdvanceTile(step, tile);
   }
   for (int lane = 0; lane < n; ++lane) {
-    returns[lane] = s.alive[lane] != 0 ? s.sums[lane] : -task_.horizon;
+    const TileScratch& s = tiles[lane / kTileLanes];
+    const int at = lane % kTileLanes;
+    returns[lane] = s.alive[at] != 0 ? s.sums[at] : -task_.horizon;
   }
 }
 

@@ -31,8 +31,9 @@ struct EvaluatorStatistics {
 
 // The batched evaluator (docs/method.md): rollouts are packed into tiles of kTileLanes lanes, one
 // thread takes one tile through all steps (features, policy, GP queries, sample, reward), one
-// OpenMP region a call. Results are the same bits for any thread count and any packing of
-// candidates.
+// OpenMP region a call. If any factor is one for OpenBLAS, a thread takes a block of up to
+// kBlasTiles tiles. Results are the same bits for any thread count and, without OpenBLAS, any
+// packing of candidates.
 //
 // A rollout whose state is not finite, or beyond kStateLimit (the vector sine's range), has
 // diverged: it stops and its return is -horizon, below any return of rewards in [0, 1].
@@ -70,12 +71,18 @@ class Evaluator {
     std::uint32_t rollout;
   };
   struct TileScratch;
-  // Runs lanes [first, first + n) through all steps and writes their returns.
-  void RunTile(std::span<const double> parameters, std::span<const StreamKey> keys, int first,
-               int n, TileScratch* scratch, double* returns, double* visited) const;
+  // Runs lanes [first, first + n), a block, through all steps and writes their returns. `scratch`
+  // holds scratch_size_ doubles.
+  void RunBlock(std::span<const double> parameters, std::span<const StreamKey> keys, int first,
+                int n, double* scratch, double* returns, double* visited) const;
   void PackTile(std::span<const double> parameters, std::span<const StreamKey> keys, int first,
                 int n, TileScratch* scratch) const;
-  void AdvanceTile(std::uint32_t step, int n, const TileScratch& scratch) const;
+  // Actions of the tile's first n lanes, which are lanes [first, first + n) of the batch.
+  void ActTile(std::uint32_t step, int first, int n, const TileScratch& scratch,
+               double* visited) const;
+  // Means and variances of all outputs for the block's n lanes.
+  void QueryBlock(int n, std::span<const TileScratch> tiles, double* gp_scratch) const;
+  void AdvanceTile(std::uint32_t step, const TileScratch& scratch) const;
   // Evaluate without statistics; visited as VisitedInputs, or nullptr.
   void Run(std::span<const double> parameters, std::span<const StreamKey> keys,
            std::span<const int> n_rollouts, std::span<const int> first_rollout,
@@ -85,7 +92,9 @@ class Evaluator {
   const Policy& policy_;
   std::span<const QueryFactor> factors_;
   EvaluatorOptions options_;
-  std::size_t scratch_size_ = 0;  // doubles a thread
+  int block_tiles_ = 1;
+  std::size_t tile_size_ = 0;     // doubles of scratch a tile
+  std::size_t scratch_size_ = 0;  // doubles a thread: the block's tiles and a query's
   AlignedVector<double> scratch_;
   std::vector<Lane> lanes_;
   EvaluatorStatistics statistics_;

@@ -89,8 +89,8 @@ TEST_CASE("checkpoint: no flipped byte goes unnoticed") {
 
 TEST_CASE("checkpoint: a later version is refused by its number") {
   std::string text = Text();
-  text.replace(text.find("\"version\":3"), 11, "\"version\":4");
-  CHECK(ParseError(text) == "run/checkpoint.json: version 4, this program reads 3");
+  text.replace(text.find("\"version\":4"), 11, "\"version\":5");
+  CHECK(ParseError(text) == "run/checkpoint.json: version 5, this program reads 4");
 }
 
 TEST_CASE("checkpoint: another file is refused") {
@@ -142,6 +142,8 @@ TEST_CASE("checkpoint: wrong sizes and impossible values are named") {
         at + "transitions[0].reward = nan: must be finite");
   CHECK(error("/episodes/1/plans/1/points", 0) ==
         at + "payload.episodes[1].plans[1].points = 0: must be an integer in [1, 2147483647]");
+  CHECK(error("/episodes/1/plans/1/backend", "cuda") ==
+        at + "payload.episodes[1].plans[1].backend = \"cuda\": must be one of fused, blas");
   CHECK(error("/episodes/1/jitter", {0}) == at + "episodes[1].jitter has 1 entries: must be 2");
   CHECK(error("/episodes/1/episode", 3) == at + "episodes[1].episode = 3: must be 2");
   CHECK(error("/transitions/6/step", 4) == at + "transitions[6].step = 4: must be 1");
@@ -165,6 +167,8 @@ TEST_CASE("checkpoint: settings that results depend on must be the run's own") {
   CHECK(
       Contains(error([](Task&, LearnerOptions& o) { o.search.restarts = RestartStrategy::kSmall; }),
                "search.restarts = \"bipop\", the configuration says \"small\""));
+  CHECK(Contains(error([](Task&, LearnerOptions& o) { o.plan.backend = QueryBackend::kBlas; }),
+                 "model.backend = \"fused\", the configuration says \"blas\""));
   CHECK(Contains(error([](Task& t, LearnerOptions&) { t.preset = "original-code"; }),
                  "preset = \"paper\""));
   CHECK(Contains(error([](Task& t, LearnerOptions&) { t.reward.width = 0.25; }),

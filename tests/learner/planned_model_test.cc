@@ -3,6 +3,8 @@
 
 #include <doctest/doctest.h>
 
+#include <cmath>
+#include <limits>
 #include <vector>
 
 #include "kernels/philox/philox.h"
@@ -60,6 +62,24 @@ TEST_CASE("planned_model: tolerance 0 is the exact posterior in fp64, which no c
     CHECK_FALSE(plan.compressed);
     CHECK_FALSE(plan.single_precision);
     CHECK(plan.points == 120);
+  }
+}
+
+TEST_CASE("planned_model: by BLAS, plans are exact and a check tells the difference from fused") {
+  const QueryPlanOptions options{.backend = QueryBackend::kBlas};
+  PlannedModel model(Gps(), options, 1);
+  model.Choose(Points(100, 1, 6));
+  CHECK(model.Check(Points(100, 3, 7)) == 0);
+  // Factors carry eps times the condition number, and errors are shares of the noise at least.
+  const double ratio = 1 / 0.05;
+  const double bound = std::numeric_limits<double>::epsilon() * 120 * std::pow(ratio, 4);
+  for (int e = 0; e < 2; ++e) {
+    CHECK(model.plans()[e].backend() == QueryBackend::kBlas);
+    CHECK(std::holds_alternative<BlasFactor>(model.factors()[e]));
+    CHECK(model.plans()[e].points == 120);
+    CHECK(model.errors()[e].variance > 0);
+    CHECK(model.errors()[e].variance <= bound);
+    CHECK(model.errors()[e].mean <= bound);
   }
 }
 

@@ -113,8 +113,9 @@ TEST_CASE("run directory: the tables have a header with units and a row an episo
   CHECK(hyperparameters[6] == "2,velocity,jitter,1,0");
   const std::vector<std::string> plans = lines("plans.csv");
   CHECK(plans.size() == 1 + 2);
-  CHECK(plans[1] == "2,velocity,5,5,fp64,0,1,0,0,2");
-  CHECK(plans[2] == "2,\"position, \"\"x\"\"\",5,3,fp32,0.003,0.3333333333333333,0.01,5e-324,2");
+  CHECK(plans[1] == "2,velocity,blas,5,5,fp64,0,1,0,0,2");
+  CHECK(plans[2] ==
+        "2,\"position, \"\"x\"\"\",fused,5,3,fp32,0.003,0.3333333333333333,0.01,5e-324,2");
   CHECK(hyperparameters[12] == "2,\"position, \"\"x\"\"\",jitter,1,1e-10");
 }
 

@@ -158,7 +158,8 @@ inline LearnerState PointMassState() {
   learnt.policy = {0.1, 0.2, 0.3, -0.0, denormal};
   learnt.hyperparameters = {{{0.1, 0.2, 0.7}, 1.1, 1e-5}, {{1e-300, 1e300, 3}, 2.2, 0.3}};
   learnt.jitter = {0, 1e-10};
-  learnt.plans = {{5, false, 0, 1, 0, 0}, {3, true, 0.003, 1.0 / 3, 0.01, 4.9e-324}};
+  learnt.plans = {{QueryBackend::kBlas, 5, false, 0, 1, 0, 0},
+                  {QueryBackend::kFused, 3, true, 0.003, 1.0 / 3, 0.01, 4.9e-324}};
   learnt.plan_changes = 2;
   learnt.platform = {"AVX2", "Haswell"};
   learnt.runs.resize(2);

@@ -21,6 +21,7 @@
 #include "kernels/philox/philox_ref.h"
 #include "kernels/reward/reward_ref.h"
 #include "kernels/transition/transition_ref.h"
+#include "tests/rollout/swing_fixture.h"
 
 namespace {
 std::atomic<long> allocations{0};
@@ -48,64 +49,6 @@ std::atomic<long> allocations{0};
 
 namespace downpour {
 namespace {
-
-// A swinging mass: state [velocity, angle], features [velocity, cos, sin], one action.
-Task SwingTask(int horizon) {
-  Task task;
-  task.name = "swing";
-  task.states = {{"velocity", "rad/s"}, {"angle", "rad"}};
-  task.features = {{FeatureKind::kIdentity, 0}, {FeatureKind::kCosine, 1}, {FeatureKind::kSine, 1}};
-  task.feature_names = {{"velocity", "rad/s"}, {"cos", "1"}, {"sin", "1"}};
-  task.actions = {{"torque", "N m"}};
-  task.action_limits = {2.5};
-  task.start_mean = {0.1, -0.2};
-  task.start_std = {0.05, 0};
-  task.policy_input_scale = {10, 1, 1};
-  task.horizon = horizon;
-  task.reward = {2, {0, 1, 0, 0, 0, 1}, {-1, 0}, 0.8};
-  return task;
-}
-
-struct Fixture {
-  explicit Fixture(int horizon = 6) : task(SwingTask(horizon)) {
-    policy = MakeNeuralNetworkPolicy(task, 4);
-    Eigen::MatrixXd inputs(30, 4);
-    Eigen::MatrixXd targets(30, 2);
-    std::vector<double> u(30 * 4);
-    FillUniforms({1, 1}, 0, u.data(), u.size());
-    for (int i = 0; i < 30; ++i) {
-      const double v = 4 * u[4 * i] - 2, angle = 6 * u[4 * i + 1] - 3,
-                   torque = 5 * u[4 * i + 2] - 2.5;
-      inputs.row(i) << v, std::cos(angle), std::sin(angle), torque;
-      targets.row(i) << 0.1 * (torque - 5 * std::sin(angle)), 0.1 * v;
-    }
-    for (int e = 0; e < 2; ++e) {
-      const ExactGp gp(inputs, targets.col(e), {{3, 1.5, 1.5, 4}, 0.7, 0.05});
-      factors.push_back(gp.Pack());
-    }
-  }
-
-  // n candidates with r rollouts each.
-  std::vector<double> Returns(int n, int r, EvaluatorOptions options, int first_rollout = 0) {
-    std::vector<double> theta(static_cast<std::size_t>(n) * policy->n_parameters());
-    FillNormals({2, 2}, 0, theta.data(), theta.size());
-    std::vector<StreamKey> keys;
-    for (int c = 0; c < n; ++c) {
-      keys.push_back(DeriveKey(7, StreamPurpose::kRollout, {static_cast<std::uint32_t>(c)}));
-    }
-    Evaluator evaluator(task, *policy, factors, options);
-    std::vector<double> returns(static_cast<std::size_t>(n) * r);
-    evaluator.Evaluate(theta, keys, std::vector<int>(n, r), std::vector<int>(n, first_rollout),
-                       returns);
-    statistics = evaluator.statistics();
-    return returns;
-  }
-
-  Task task;
-  std::unique_ptr<Policy> policy;
-  std::vector<QueryFactor> factors;
-  EvaluatorStatistics statistics;
-};
 
 // The return of one rollout by the scalar twins, one lane, in long double where they allow.
 double ReferenceReturn(const Fixture& f, const double* theta, StreamKey key, std::uint32_t rollout,
@@ -237,18 +180,20 @@ TEST_CASE("evaluator: counts rollouts, queries and lanes") {
 }
 
 TEST_CASE("evaluator: a second batch of the same size does not allocate") {
-  Fixture f(6);
-  EvaluatorOptions options;
-  options.threads = 2;
-  Evaluator evaluator(f.task, *f.policy, f.factors, options);
-  const int n = 60;
-  std::vector<double> theta(n * f.policy->n_parameters(), 0.1), returns(2 * n);
-  std::vector<StreamKey> keys(n);
-  std::vector<int> two(n, 2), zero(n, 0);
-  evaluator.Evaluate(theta, keys, two, zero, returns);
-  const long before = allocations;
-  evaluator.Evaluate(theta, keys, two, zero, returns);
-  CHECK(allocations == before);
+  for (const QueryBackend backend : {QueryBackend::kFused, QueryBackend::kBlas}) {
+    Fixture f(6, 30, backend);
+    EvaluatorOptions options;
+    options.threads = 2;
+    Evaluator evaluator(f.task, *f.policy, f.factors, options);
+    const int n = 60;
+    std::vector<double> theta(n * f.policy->n_parameters(), 0.1), returns(2 * n);
+    std::vector<StreamKey> keys(n);
+    std::vector<int> two(n, 2), zero(n, 0);
+    evaluator.Evaluate(theta, keys, two, zero, returns);
+    const long before = allocations;
+    evaluator.Evaluate(theta, keys, two, zero, returns);
+    CHECK(allocations == before);
+  }
 }
 
 TEST_CASE("evaluator: sizes that disagree are refused") {

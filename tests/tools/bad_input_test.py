@@ -81,7 +81,10 @@ def command_line():
             ("--evaluations", "search.evaluations", "99", "an integer in [100, 1000000000000]"),
             ("--population", "search.population", "-4", "an integer in [0, 100000]"),
             ("--rollouts", "search.rollouts", "inf", "an integer in [1, 10000]"),
-            ("--preset", "preset", "papr", "one of paper, original-code")]:
+            ("--preset", "preset", "papr", "one of paper, original-code"),
+            ("--backend", "model.backend", "cublas", "one of fused, blas; did you mean blas?"),
+            ("--backend", "model.backend", "openblas", "one of fused, blas"),
+            ("--backend", "model.backend", "", "one of fused, blas")]:
         refuse(f"{option} {value}", ["learn", "pendulum", option, value], f"{option}: ",
                f"{key} = {value}: must be ", allowed)
     refuse("a population of one", ["learn", "pendulum", "--population", "1"], "search.population",
@@ -145,7 +148,8 @@ def run_directories():
     refuse("--resume: no such run", ["learn", "--resume", "none"], "none", "config.toml")
     refuse("--resume: another task", ["learn", "cartpole", "--resume", run], "cartpole", "pendulum")
     for option in (["--seed", "3"], ["--evaluations", "1000"], ["--set", "search.rollouts=2"],
-                   ["--out", "x"], ["--config", run / "config.toml"], ["--preset", "paper"]):
+                   ["--out", "x"], ["--config", run / "config.toml"], ["--preset", "paper"],
+                   ["--backend", "blas"]):
         refuse(f"--resume with {option[0]}", ["learn", "--resume", run, *option], option[0],
                "--resume", "allowed: --episodes")
     refuse("evaluate: no such run", ["evaluate", "none"], "none", "config.toml")
@@ -164,7 +168,7 @@ def checkpoints():
             ("truncated", original[:middle], f"truncated at byte {middle} of {middle}:"),
             ("empty", "", "JSON"),
             ("corrupted", flipped, "checksum"),
-            ("future", original.replace('"version":3', '"version":99'), "99")]:
+            ("future", original.replace('"version":4', '"version":99'), "99")]:
         damaged = copy_of_run(name)
         (damaged / "checkpoint.json").write_text(text)
         refuse(f"checkpoint: {name}", ["learn", "--resume", damaged, "--episodes", "5"],

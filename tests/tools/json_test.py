@@ -67,7 +67,7 @@ def run_directory():
                                 ("timing.csv", 4, ["episode", "search_seconds [s]"]),
                                 ("transitions.csv", 160, ["time [s]", "action.torque [N m]",
                                                           "observation.angle [rad]"]),
-                                ("plans.csv", 3 * 2, ["output", "points", "precision"]),
+                                ("plans.csv", 3 * 2, ["output", "backend", "points", "precision"]),
                                 ("hyperparameters.csv", 3 * 2 * 7, ["output", "unit", "value"])]:
         header, *body = table(name)
         claims.check(f"{name}: names and units in the header, {rows} rows as wide as it",

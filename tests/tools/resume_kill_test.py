@@ -118,6 +118,22 @@ def more_episodes():
                  again)
 
 
+def kept_backend():
+    tiny = [argument if argument != "4" else "3" for argument in TINY]
+    whole, resumed = scratch / "blas", scratch / "blas-resumed"
+    learn(whole, "--backend", "blas")
+    downpour("learn", "pendulum", "--out", resumed, "--quiet", *tiny, "--backend", "blas")
+    again = downpour("learn", "--resume", resumed, "--episodes", "4")
+    claims.check("progress names OpenBLAS", "of 120 points by OpenBLAS\n" in again.stderr, again)
+    claims.check("a run by OpenBLAS goes on by OpenBLAS, with the bits of an uninterrupted one",
+                 results(resumed) == results(whole))
+    plans = [row.split(",") for row in (resumed / "plans.csv").read_text().splitlines()]
+    claims.check("plans.csv names the backend: exact fp64 by OpenBLAS throughout",
+                 plans[0][2] == "backend" and len(plans) == 1 + 3 * 2 and
+                 all(row[2] == "blas" and row[3] == row[4] and row[5] == "fp64"
+                     for row in plans[1:]), plans)
+
+
 def one_writer():
     run = scratch / "locked"
     options = ["--episodes", "3", "--evaluations", "200000", "--threads", "2"]
@@ -160,4 +176,5 @@ other_kernels()
 interrupt(signal.SIGINT)
 interrupt(signal.SIGTERM)
 more_episodes()
+kept_backend()
 claims.exit()

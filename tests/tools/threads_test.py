@@ -35,4 +35,5 @@ compare("cart-pole, rollouts that grow, small restarts", "cartpole", "--set",
         "search.uncertainty=rollouts", "--set", "search.restarts=small", "--set",
         "search.max_rollouts=8")
 compare("pendulum, means only", "pendulum", "--no-variance")
+compare("pendulum, by OpenBLAS", "pendulum", "--backend", "blas")
 claims.exit()

@@ -91,6 +91,12 @@ std::vector<Field> RunFields(RunConfig& config) {
        .min = 0,
        .max = 1,
        .description = "Error that a query's mean may have, in standard deviations; 0: exact fp64."},
+      {.key = "model.backend",
+       .option = "--backend",
+       .target = &learner.plan.backend,
+       .choices = {kQueryBackendNames.begin(), kQueryBackendNames.end()},
+       .description =
+           "fused: own kernels within the tolerances; blas: OpenBLAS, always exact fp64."},
   };
 }
 

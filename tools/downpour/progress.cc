@@ -116,7 +116,9 @@ std::string PlanText(const EpisodeRecord& record) {
                            plan.single_precision ? "fp32" : "fp64");
   }
   if (outputs.empty()) return "";
-  return fmt::format("episode {}: plan {} of {} points", record.episode, outputs, record.points);
+  const bool by_blas = record.plans.front().backend == QueryBackend::kBlas;
+  return fmt::format("episode {}: plan {} of {} points{}", record.episode, outputs, record.points,
+                     by_blas ? " by OpenBLAS" : "");
 }
 
 // "solved at episode 4", "not solved".
