@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Mean and variance of one GP output on one thread: the tile kernel in both precisions, one query
-// at a time as GP libraries do it, and OpenBLAS on the whole batch. As in rollouts, four outputs
-// take turns, so that a factor has left the nearer caches when its turn comes again. Names:
-// variant/n/D/lanes.
+// at a time as GP libraries do it, and OpenBLAS on a batch: the backend (blas_dtrmm) and what other
+// calls and single precision make of it. As in rollouts, four outputs take turns, so that a factor
+// has left the nearer caches when its turn comes again. Names: variant/n/D/lanes.
 // Counters, work counted as n (n + 8) operations a query: ns_per_query, queries_per_s, gflops, and
 // peak_fraction of the multiply-add peak of the same precision, measured around each run. On a
 // shared machine take the best of interleaved repetitions:
@@ -12,17 +12,24 @@
 #include <cblas.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <cstddef>
+#include <limits>
 #include <map>
 #include <memory>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
 #include "bench/baseline_per_query.h"
+#include "engine/gp/blas_query.h"
 #include "engine/gp/compression.h"
 #include "engine/gp/gp_model.h"
 #include "engine/gp/process_settings.h"
+#include "kernels/dense_query/dense_query.h"
 #include "kernels/fma_peak/fma_peak.h"
 #include "kernels/gp_query/gp_query.h"
 
@@ -56,7 +63,7 @@ struct Models {
           n, dim, gp.inputs().data(), gp.hyperparameters().lengthscales.data(),
           gp.hyperparameters().signal_std, gp.cholesky().data(), gp.alpha().data()));
     }
-    inverse = posterior.root;
+    blas_factors.assign(kOutputs, MakeBlasFactor(gp));
     Numbers numbers;
     for (int d = 0; d < dim; ++d) {
       for (int lane = 0; lane < kTileLanes; ++lane) {
@@ -88,8 +95,8 @@ struct Models {
   ExactGp gp;
   std::vector<GpFactor> double_factors;
   std::vector<GpFactor32> float_factors;
+  std::vector<BlasFactor> blas_factors;
   std::vector<std::unique_ptr<PerQueryGp>> per_query;
-  Eigen::MatrixXd inverse;  // L^-1
   Eigen::MatrixXd queries;  // D x kTileLanes
   AlignedVector<double> x;  // the same as a tile
 };
@@ -152,58 +159,143 @@ void PerQuery(benchmark::State& state, int n, int dim) {
   run.Report(state, n, 1);
 }
 
-enum class BlasCall { kGemm, kTrmm, kTrsm };
-
-void Multiply(BlasCall call, int n, const double* w, const double* l, const double* k, double* v) {
-  if (call == BlasCall::kGemm) {
-    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, kBlasBatch, n, 1, w, n, k, n, 0, v,
-                n);
-  } else if (call == BlasCall::kTrmm) {
-    cblas_dtrmm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, kBlasBatch, 1,
-                w, n, v, n);
-  } else {
-    cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, kBlasBatch, 1,
-                l, n, v, n);
-  }
-}
-void Multiply(BlasCall call, int n, const float* w, const float* l, const float* k, float* v) {
-  if (call == BlasCall::kGemm) {
-    cblas_sgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, n, kBlasBatch, n, 1, w, n, k, n, 0, v,
-                n);
-  } else if (call == BlasCall::kTrmm) {
-    cblas_strmm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, kBlasBatch, 1,
-                w, n, v, n);
-  } else {
-    cblas_strsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, n, kBlasBatch, 1,
-                l, n, v, n);
-  }
-}
-
-// Kernel matrix and means by the tile kernel's own pass, V = L^-1 K by one BLAS call for the batch,
-// squared norms of its columns.
 template <typename T>
-void Blas(benchmark::State& state, int n, int dim, BlasCall call) {
-  using Matrix = Eigen::Matrix<T, Eigen::Dynamic, Eigen::Dynamic>;
+struct Cblas;
+template <>
+struct Cblas<double> {
+  static constexpr auto gemv = cblas_dgemv;
+  static constexpr auto gemm = cblas_dgemm;
+  static constexpr auto trmm = cblas_dtrmm;
+  static constexpr auto trsm = cblas_dtrsm;
+};
+template <>
+struct Cblas<float> {
+  static constexpr auto gemv = cblas_sgemv;
+  static constexpr auto gemm = cblas_sgemm;
+  static constexpr auto trmm = cblas_strmm;
+  static constexpr auto trsm = cblas_strsm;
+};
+
+enum class BlasCall { kGemm, kPanels, kTrmm, kTrsm };
+
+// Rows of W at a time in kPanels: what the micro-kernel of OpenBLAS's dgemm takes.
+constexpr int kPanelRows = 24;
+
+// The matrix that a call multiplies by or solves with: W, L / signal_variance, or W's panels one
+// after the other, each column-major up to its last row.
+template <typename T>
+std::vector<T> MatrixFor(BlasCall call, const Models& m) {
+  const int n = m.blas_factors[0].n;
+  const double signal_variance = m.blas_factors[0].signal_variance;
+  Eigen::MatrixXd matrix =
+      Eigen::Map<const Eigen::MatrixXd>(m.blas_factors[0].triangle.data(), n, n);
+  if (call == BlasCall::kTrsm) matrix = m.gp.cholesky() / signal_variance;
+  std::vector<T> values;
+  for (int row = 0; call == BlasCall::kPanels && row < n; row += kPanelRows) {
+    const int end_row = std::min(n, row + kPanelRows);
+    for (const double w : matrix.block(row, 0, end_row - row, end_row).reshaped()) {
+      values.push_back(static_cast<T>(w));
+    }
+  }
+  if (call != BlasCall::kPanels) {
+    for (const double w : matrix.reshaped()) values.push_back(static_cast<T>(w));
+  }
+  return values;
+}
+
+// V = E W^T panel by panel, in calls of m n k <= 10^6: on AVX-512 OpenBLAS multiplies such small
+// matrices where they are, without packing them first.
+template <typename T>
+void MultiplyPanels(int lanes, int n, const T* w, const T* e, T* v) {
+  constexpr int kDepth = 160;
+  for (int row = 0; row < n; row += kPanelRows) {
+    const int rows = std::min(kPanelRows, n - row);
+    for (int k = 0; k < row + rows; k += kDepth) {
+      const int depth = std::min(kDepth, row + rows - k);
+      Cblas<T>::gemm(CblasColMajor, CblasNoTrans, CblasTrans, lanes, rows, depth, 1,
+                     e + static_cast<std::size_t>(k) * lanes, lanes, w, rows, k == 0 ? 0 : 1,
+                     v + static_cast<std::size_t>(row) * lanes, lanes);
+      w += static_cast<std::size_t>(rows) * depth;
+    }
+  }
+}
+
+// The variance of query `lane` by a triangular solve.
+double Variance(const Models& m, int lane) {
+  double mean = 0, variance = 0;
+  m.gp.Predict(m.queries.col(lane), &mean, &variance);
+  return variance;
+}
+
+// V = E W^T; returns where it is: v, or e itself.
+template <typename T>
+T* Multiply(BlasCall call, int lanes, int n, const T* matrix, T* e, T* v) {
+  if (call == BlasCall::kPanels) {
+    MultiplyPanels(lanes, n, matrix, e, v);
+    return v;
+  }
+  if (call == BlasCall::kGemm) {
+    Cblas<T>::gemm(CblasColMajor, CblasNoTrans, CblasTrans, lanes, n, n, 1, e, lanes, matrix, n, 0,
+                   v, lanes);
+    return v;
+  }
+  const auto multiply = call == BlasCall::kTrmm ? Cblas<T>::trmm : Cblas<T>::trsm;
+  multiply(CblasColMajor, CblasRight, CblasLower, CblasTrans, CblasNonUnit, lanes, n, 1, matrix, n,
+           e, lanes);
+  return e;
+}
+
+// The BLAS backend's query with other calls and in other precision than its own.
+template <typename T>
+void Blas(benchmark::State& state, int n, int dim, int lanes, BlasCall call) {
   const Models& m = ModelsOf(n, dim);
-  const GpFactorT<T>& factor = m.Factor<T>(0);
-  const Matrix inverse = m.inverse.cast<T>(), cholesky = m.gp.cholesky().cast<T>();
-  // The pass keeps its covariances to itself: these are copied in its place.
-  const Matrix k = Matrix::Constant(n, kBlasBatch, T(0.5));
-  Matrix v(n, kBlasBatch);
-  Eigen::Matrix<T, 1, Eigen::Dynamic> norms(kBlasBatch);
-  AlignedVector<char> scratch(GpQueryScratchBytes(factor));
-  AlignedVector<double> means(kTileLanes);
+  const std::vector<std::vector<T>> matrices(kOutputs, MatrixFor<T>(call, m));
+  const BlasFactor& first = m.blas_factors[0];
+  const std::vector<T> points(first.inputs.begin(), first.inputs.end());
+  const std::vector<T> weights(first.weights.begin(), first.weights.end());
+  const std::size_t size = lanes;
+  AlignedVector<T> queries(dim * size), e(n * size), v(n * size), means(size);
+  AlignedVector<double> variances(size);
+  int output = 0;
   const Run<T> run;
   for (auto _ : state) {
-    for (int first = 0; first < kBlasBatch; first += kTileLanes) {
-      GpQueryTile(factor, kTileLanes, m.x.data(), scratch.data(), means.data(), nullptr);
+    const BlasFactor& f = m.blas_factors[output];
+    for (int d = 0; d < dim; ++d) {
+      for (int lane = 0; lane < lanes; ++lane) {
+        const double x = m.x[d * kTileLanes + lane % kTileLanes];
+        queries[d * size + lane] = static_cast<T>(f.scale[d] * x - f.centre[d]);
+      }
     }
-    if (call != BlasCall::kGemm) v = k;
-    Multiply(call, n, inverse.data(), cholesky.data(), k.data(), v.data());
-    norms = v.colwise().squaredNorm();
+    QueryCovariances(lanes, n, dim, queries.data(), points.data(), e.data());
+    Cblas<T>::gemv(CblasColMajor, CblasNoTrans, lanes, n, 1, e.data(), lanes, weights.data(), 1, 0,
+                   means.data(), 1);
+    const T* const product = Multiply(call, lanes, n, matrices[output].data(), e.data(), v.data());
+    QueryVariances(lanes, n, f.signal_variance, product, variances.data());
     benchmark::ClobberMemory();
+    output = (output + 1) % kOutputs;
   }
-  run.Report(state, n, kBlasBatch);
+  run.Report(state, n, lanes);
+  const double error = std::abs(variances[lanes - 1] - Variance(m, (lanes - 1) % kTileLanes));
+  if (!(error <= 100 * n * std::numeric_limits<T>::epsilon())) {
+    state.SkipWithError("the answers are wrong");
+  }
+}
+
+// The backend itself.
+void BlasBackend(benchmark::State& state, int n, int dim, int tiles) {
+  const Models& m = ModelsOf(n, dim);
+  AlignedVector<char> scratch(BlasQueryScratchBytes(m.blas_factors[0], tiles));
+  AlignedVector<double> x, means(tiles * dim * kTileLanes), variances(tiles * dim * kTileLanes);
+  for (int tile = 0; tile < tiles; ++tile) x.insert(x.end(), m.x.begin(), m.x.end());
+  int output = 0;
+  const Run<double> run;
+  for (auto _ : state) {
+    BlasQuery(m.blas_factors[output], tiles, dim * kTileLanes, x.data(), scratch.data(),
+              means.data(), variances.data());
+    benchmark::ClobberMemory();
+    output = (output + 1) % kOutputs;
+  }
+  run.Report(state, n, tiles * kTileLanes);
 }
 
 void RegisterAll() {
@@ -221,12 +313,19 @@ void RegisterAll() {
       add("tile_fp64_mean_only", 48, [=](auto& s) { Tile<double>(s, n, dim, 48, false); });
       add("tile_fp32_mean_only", 48, [=](auto& s) { Tile<float>(s, n, dim, 48, false); });
       add("per_query", 1, [=](auto& s) { PerQuery(s, n, dim); });
-      for (const auto& [name, call] :
-           {std::pair("gemm", BlasCall::kGemm), std::pair("trmm", BlasCall::kTrmm),
-            std::pair("trsm", BlasCall::kTrsm)}) {
+      for (const int tiles : {1, kBlasTiles, kBlasBatch / kTileLanes}) {
+        add("blas_dtrmm", tiles * kTileLanes, [=](auto& s) { BlasBackend(s, n, dim, tiles); });
+      }
+      add("blas_strmm", kBlasBatch,
+          [=](auto& s) { Blas<float>(s, n, dim, kBlasBatch, BlasCall::kTrmm); });
+      for (const auto& [name, call, lanes] :
+           {std::tuple("gemm", BlasCall::kGemm, kBlasBatch),
+            std::tuple("gemm_panels", BlasCall::kPanels, 2 * kTileLanes),
+            std::tuple("trsm", BlasCall::kTrsm, kBlasBatch)}) {
         const BlasCall c = call;
-        add(std::string("blas_d") + name, kBlasBatch, [=](auto& s) { Blas<double>(s, n, dim, c); });
-        add(std::string("blas_s") + name, kBlasBatch, [=](auto& s) { Blas<float>(s, n, dim, c); });
+        const int l = lanes;
+        add(std::string("blas_d") + name, l, [=](auto& s) { Blas<double>(s, n, dim, l, c); });
+        add(std::string("blas_s") + name, l, [=](auto& s) { Blas<float>(s, n, dim, l, c); });
       }
     }
   }
