@@ -7,7 +7,9 @@ namespace downpour {
 
 // Exact SE-ARD GP of one output that answers one query at a time, the way the GP libraries of the
 // field do (limbo's GP, which the authors of Black-DROPS use): points and k(x) on the heap, one
-// scalar kernel evaluation a point, one triangular solve a query. For comparison only.
+// scalar kernel evaluation a point, one triangular solve a query. For comparison only. Measured
+// beside limbo's MultiGP (D = 6, four outputs, -O3 -march=native, one thread) it is 2 to 14 %
+// faster at n = 40 to 600.
 class PerQueryGp {
  public:
   // inputs n x dim column-major, lengthscales (dim), cholesky n x n column-major (L, K = L L^T),

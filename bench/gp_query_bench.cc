@@ -299,7 +299,7 @@ void BlasBackend(benchmark::State& state, int n, int dim, int tiles) {
 }
 
 void RegisterAll() {
-  for (const int n : {40, 80, 160, 320, 640, 1280, 2560}) {
+  for (const int n : {40, 80, 160, 320, 600, 640, 1280, 2560}) {
     for (const int dim : {4, 6, 12}) {
       const auto add = [&](const std::string& variant, int lanes, const auto& run) {
         const std::string name = variant + "/" + std::to_string(n) + "/" + std::to_string(dim) +
