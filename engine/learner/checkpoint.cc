@@ -131,6 +131,7 @@ Json EpisodeToJson(const EpisodeRecord& record) {
           {"points", record.points},
           {"model_seconds", JsonNumber(record.model_seconds)},
           {"search_seconds", JsonNumber(record.search_seconds)},
+          {"rollout_seconds", JsonNumber(record.rollout_seconds)},
           {"evaluations", record.evaluations},
           {"gp_queries", record.gp_queries},
           {"diverged", record.diverged},
@@ -143,6 +144,7 @@ Json EpisodeToJson(const EpisodeRecord& record) {
           {"jitter", JsonNumbers(record.jitter)},
           {"plans", plans},
           {"plan_changes", record.plan_changes},
+          {"query_nanoseconds", JsonNumbers(record.query_nanoseconds)},
           {"runs", runs},
           {"simd_target", record.platform.simd_target},
           {"blas_core", record.platform.blas_core}};
@@ -194,6 +196,7 @@ EpisodeRecord EpisodeFromJson(const JsonField& field) {
   record.points = field["points"].Int(0, kMaxInt);
   record.model_seconds = field["model_seconds"].Number();
   record.search_seconds = field["search_seconds"].Number();
+  record.rollout_seconds = field["rollout_seconds"].Number();
   record.evaluations = field["evaluations"].Integer(0, kMaxInt64);
   record.gp_queries = field["gp_queries"].Integer(0, kMaxInt64);
   record.diverged = field["diverged"].Integer(0, kMaxInt64);
@@ -209,6 +212,7 @@ EpisodeRecord EpisodeFromJson(const JsonField& field) {
   record.jitter = field["jitter"].Numbers();
   for (const JsonField& item : field["plans"].Items()) record.plans.push_back(PlanFromJson(item));
   record.plan_changes = field["plan_changes"].Int(0, kMaxInt);
+  record.query_nanoseconds = field["query_nanoseconds"].Numbers();
   for (const JsonField& item : field["runs"].Items()) record.runs.push_back(RunFromJson(item));
   record.platform = {field["simd_target"].String(), field["blas_core"].String()};
   return record;

@@ -49,15 +49,30 @@ std::string EpisodesCsv(const LearnerState& state) {
   return csv;
 }
 
-std::string TimingCsv(const LearnerState& state) {
-  std::string csv = "episode,model_seconds [s],search_seconds [s],gp_queries_per_second [1/s]\n";
+std::string TimingCsv(const Task& task, const LearnerState& state) {
+  constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+  std::vector<std::string> header = {"episode",
+                                     "model_seconds [s]",
+                                     "search_seconds [s]",
+                                     "gp_queries_per_second [1/s]",
+                                     "rollout_seconds [s]",
+                                     "rollout_time_per_gp_query [ns]"};
+  for (const Variable& output : task.states) {
+    header.push_back(CsvField(ColumnName("gp_query_time.", {output.name, "ns"})));
+  }
+  std::string csv;
+  AppendRow(header, &csv);
   for (const EpisodeRecord& record : state.episodes) {
-    const double rate = record.search_seconds > 0
-                            ? static_cast<double>(record.gp_queries) / record.search_seconds
-                            : std::numeric_limits<double>::quiet_NaN();
-    AppendRow({std::to_string(record.episode), CsvField(record.model_seconds),
-               CsvField(record.search_seconds), CsvField(rate)},
-              &csv);
+    const auto queries = static_cast<double>(record.gp_queries);
+    const double rate = record.search_seconds > 0 ? queries / record.search_seconds : kNaN;
+    std::vector<std::string> row = {
+        std::to_string(record.episode),   CsvField(record.model_seconds),
+        CsvField(record.search_seconds),  CsvField(rate),
+        CsvField(record.rollout_seconds), CsvField(RolloutNanosecondsPerQuery(record))};
+    AppendNumbers(
+        record.random ? std::vector<double>(task.n_states(), kNaN) : record.query_nanoseconds,
+        &row);
+    AppendRow(row, &csv);
   }
   return csv;
 }

@@ -13,8 +13,10 @@ namespace downpour {
 // A row an episode, nothing measured by a clock.
 std::string EpisodesCsv(const LearnerState& state);
 
-// A row an episode: seconds of model learning and of search, GP queries a second of search.
-std::string TimingCsv(const LearnerState& state);
+// A row an episode, all that a clock measured: seconds of model learning, of search and of the
+// rollouts in it, GP queries a second of search, wall time of the rollouts a query (policy,
+// sampling and reward included), and what a query of each output takes on one thread.
+std::string TimingCsv(const Task& task, const LearnerState& state);
 
 // A row a step: episode, step, time, observation (E), action (A), next observation (E), noise-free
 // next state (E), reward.

@@ -151,6 +151,8 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
                              plan.relative_cost, model->errors()[e].variance,
                              model->errors()[e].mean});
   }
+  record->rollout_seconds = statistics.seconds;
+  record->query_nanoseconds = model->TimeQueries();
   record->search_seconds = SecondsSince(start);
 }
 
@@ -173,6 +175,11 @@ Controller MakeController(const Task& task, const Policy& policy, const EpisodeR
 }
 
 }  // namespace
+
+double RolloutNanosecondsPerQuery(const EpisodeRecord& record) {
+  if (record.random) return std::numeric_limits<double>::quiet_NaN();
+  return 1e9 * record.rollout_seconds / static_cast<double>(record.gp_queries);
+}
 
 Learner::Learner(Task task, LearnerOptions options, LearnerState state)
     : task_(std::move(task)), options_(std::move(options)), state_(std::move(state)) {

@@ -69,6 +69,7 @@ struct EpisodeRecord {
   int points = 0;                  // the model was learnt from; 0 for a random episode
   double model_seconds = 0;
   double search_seconds = 0;
+  double rollout_seconds = 0;  // of search_seconds: wall time of the rollouts, all threads
   std::int64_t evaluations = 0;
   std::int64_t gp_queries = 0;
   std::int64_t diverged = 0;
@@ -85,9 +86,16 @@ struct EpisodeRecord {
   // How the rollouts queried each output at the end of the search (E); empty for a random episode.
   std::vector<PlanRecord> plans;
   int plan_changes = 0;  // outputs planned again during the search
+  // (E) ns of one query of mean and variance by these plans on one thread, measured after the
+  // search; empty for a random episode.
+  std::vector<double> query_nanoseconds;
   std::vector<RunRecord> runs;
   Platform platform;
 };
+
+// Wall time of the search's rollouts, all threads, a GP query in ns: policy, sampling and reward
+// are in it. NaN for a random episode.
+double RolloutNanosecondsPerQuery(const EpisodeRecord& record);
 
 // All that the next episode depends on; what a checkpoint holds.
 struct LearnerState {

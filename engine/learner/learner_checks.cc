@@ -65,6 +65,7 @@ void CheckEpisode(const std::string& name, const EpisodeRecord& record, const Ta
             record.random ? 0 : task.n_states());
   CheckEach(name + ".jitter", record.jitter, record.random ? 0 : task.n_states(), CheckNotNegative);
   CheckSize(name + ".plans", record.plans.size(), record.random ? 0 : task.n_states());
+  CheckSize(name + ".query_nanoseconds", record.query_nanoseconds.size(), record.plans.size());
   for (std::size_t e = 0; e < record.hyperparameters.size(); ++e) {
     const std::string output = name + ".hyperparameters[" + std::to_string(e) + "]";
     const Hyperparameters& parameters = record.hyperparameters[e];

@@ -35,6 +35,11 @@ class PlannedModel {
   // Worst errors of each output's present plan in all checks and probes so far.
   const std::vector<PlanErrors>& errors() const { return errors_; }
 
+  // Nanoseconds that one query of mean and variance takes by each output's present plan, on this
+  // thread and in full tiles of probes: the best of some rounds in which the outputs take turns, as
+  // in rollouts. Takes about a millisecond, or two rounds. After Choose, with a probe at least.
+  std::vector<double> TimeQueries() const;
+
  private:
   void Plan(std::span<const int> outputs, const QueryPlanOptions& options);
   // Adds to the errors of `outputs`; returns those above the tolerances.

@@ -83,7 +83,7 @@ LearnerState RunDirectory::ReadState(const Task& task, const LearnerOptions& opt
 void RunDirectory::Write(const Learner& learner) const {
   const LearnerState& state = learner.state();
   WriteFileAtomically(path_ / "episodes.csv", EpisodesCsv(state));
-  WriteFileAtomically(path_ / "timing.csv", TimingCsv(state));
+  WriteFileAtomically(path_ / "timing.csv", TimingCsv(learner.task(), state));
   WriteFileAtomically(path_ / "transitions.csv", TransitionsCsv(learner.task(), state));
   WriteFileAtomically(path_ / "hyperparameters.csv", HyperparametersCsv(learner.task(), state));
   WriteFileAtomically(path_ / "plans.csv", PlansCsv(learner.task(), state));

@@ -16,7 +16,8 @@ namespace downpour {
 //   config.toml              the resolved configuration, as the caller handed it in
 //   episodes.csv             one row an episode; no clock in it: the same bytes for any thread
 //                            count and after a resume
-//   timing.csv               one row an episode: seconds of model learning and search, queries/s
+//   timing.csv               one row an episode: seconds of model learning and search, queries/s,
+//                            ns a query
 //   transitions.csv          one row a step on the real system, names and units in the header
 //   policy_<episode>.json    a learnt policy with all that running it takes (saved_policy.h)
 //   policy.json              the last of them

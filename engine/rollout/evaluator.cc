@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <limits>
 #include <string>
 #include <variant>
@@ -122,7 +123,10 @@ void Evaluator::SetFactors(std::span<const QueryFactor> factors) {
 void Evaluator::Evaluate(std::span<const double> parameters, std::span<const StreamKey> keys,
                          std::span<const int> n_rollouts, std::span<const int> first_rollout,
                          std::span<double> returns) {
+  const auto start = std::chrono::steady_clock::now();
   Run(parameters, keys, n_rollouts, first_rollout, returns, nullptr);
+  const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
+  statistics_.seconds += elapsed.count();
   const double penalty = -task_.horizon;
   const auto n_lanes = static_cast<std::int64_t>(lanes_.size());
   statistics_.diverged += std::count(returns.begin(), returns.end(), penalty);

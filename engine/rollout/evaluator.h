@@ -27,6 +27,7 @@ struct EvaluatorStatistics {
   std::int64_t gp_queries = 0;  // rollouts x horizon x E
   std::int64_t lanes = 0;       // tile lanes computed, idle ones included: fill = rollouts / lanes
   std::int64_t diverged = 0;    // rollouts that got the penalty
+  double seconds = 0;           // wall time of the calls; no result depends on it
 };
 
 // The batched evaluator (docs/method.md): rollouts are packed into tiles of kTileLanes lanes, one

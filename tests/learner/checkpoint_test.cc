@@ -45,6 +45,8 @@ TEST_CASE("checkpoint: every number comes back with the same bits, NaN and denor
   CHECK(SameBits(read, state));
   CHECK(read.episodes[1].model_seconds == state.episodes[1].model_seconds);
   CHECK(read.episodes[1].search_seconds == state.episodes[1].search_seconds);
+  CHECK(read.episodes[1].rollout_seconds == state.episodes[1].rollout_seconds);
+  CHECK(SameBits(read.episodes[1].query_nanoseconds, state.episodes[1].query_nanoseconds));
   CHECK(SameBits(Parse(TextWith([](Json&) {})), state));
 }
 
@@ -89,8 +91,8 @@ TEST_CASE("checkpoint: no flipped byte goes unnoticed") {
 
 TEST_CASE("checkpoint: a later version is refused by its number") {
   std::string text = Text();
-  text.replace(text.find("\"version\":4"), 11, "\"version\":5");
-  CHECK(ParseError(text) == "run/checkpoint.json: version 5, this program reads 4");
+  text.replace(text.find("\"version\":5"), 11, "\"version\":6");
+  CHECK(ParseError(text) == "run/checkpoint.json: version 6, this program reads 5");
 }
 
 TEST_CASE("checkpoint: another file is refused") {

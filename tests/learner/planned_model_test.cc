@@ -83,6 +83,17 @@ TEST_CASE("planned_model: by BLAS, plans are exact and a check tells the differe
   }
 }
 
+TEST_CASE("planned_model: every output's queries are timed") {
+  PlannedModel model(Gps(), {}, 1);
+  model.Choose(Points(20, 1, 9));  // fewer probes than a tile has lanes
+  const std::vector<double> nanoseconds = model.TimeQueries();
+  REQUIRE(nanoseconds.size() == 2);
+  for (const double time : nanoseconds) {
+    CHECK(time > 0);
+    CHECK(time < 1e9);
+  }
+}
+
 TEST_CASE("planned_model: the plans do not depend on the number of threads") {
   PlannedModel one(Gps(), {}, 1), many(Gps(), {}, 5);
   one.Choose(Points(500, 1, 8));

@@ -148,6 +148,7 @@ inline LearnerState PointMassState() {
   learnt.points = 5;
   learnt.model_seconds = 0.25;
   learnt.search_seconds = 0.5;
+  learnt.rollout_seconds = 0.375;
   learnt.evaluations = std::int64_t{1} << 53;
   learnt.gp_queries = std::numeric_limits<std::int64_t>::max();
   learnt.diverged = 3;
@@ -161,6 +162,7 @@ inline LearnerState PointMassState() {
   learnt.plans = {{QueryBackend::kBlas, 5, false, 0, 1, 0, 0},
                   {QueryBackend::kFused, 3, true, 0.003, 1.0 / 3, 0.01, 4.9e-324}};
   learnt.plan_changes = 2;
+  learnt.query_nanoseconds = {1.0 / 3, 0.1};
   learnt.platform = {"AVX2", "Haswell"};
   learnt.runs.resize(2);
   learnt.runs[0].population = 8;

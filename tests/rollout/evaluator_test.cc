@@ -177,6 +177,7 @@ TEST_CASE("evaluator: counts rollouts, queries and lanes") {
   CHECK(f.statistics.rollouts == 50);
   CHECK(f.statistics.gp_queries == 50 * 6 * 2);
   CHECK(f.statistics.lanes == 2 * kTileLanes);
+  CHECK(f.statistics.seconds > 0);
 }
 
 TEST_CASE("evaluator: a second batch of the same size does not allocate") {

@@ -2,6 +2,7 @@
 """What the command prints and writes can be read by other programs."""
 import csv
 import json
+import math
 import os
 import pathlib
 import re
@@ -11,7 +12,8 @@ import subprocess
 from command import PROGRAM, TINY, Claims, downpour, learn, results, scratch_directory
 
 KEYS = ["episode", "interaction_seconds", "points", "model_seconds", "search_seconds",
-        "evaluations", "gp_queries", "predicted_return", "return", "solved"]
+        "rollout_seconds", "evaluations", "gp_queries", "rollout_ns_per_gp_query",
+        "predicted_return", "return", "solved"]
 
 claims = Claims()
 scratch = scratch_directory()
@@ -30,6 +32,11 @@ def json_lines():
                  [e["predicted_return"] is None for e in episodes] == [True, False, False, False])
     claims.check("--json: 40 steps an episode and two outputs make the GP queries",
                  all(e["gp_queries"] == 80 * e["evaluations"] for e in episodes), episodes)
+    claims.check("--json: the rollouts take a part of the search's time, and each query its share",
+                 all(0 < e["rollout_seconds"] < e["search_seconds"] and
+                     math.isclose(e["rollout_ns_per_gp_query"] * e["gp_queries"],
+                                  1e9 * e["rollout_seconds"], rel_tol=1e-12)
+                     for e in episodes[1:]), episodes)
     claims.check("--json: the search keeps its budget",
                  all(0 < e["evaluations"] <= 600 for e in episodes[1:]), episodes)
     claims.check("--json: the log is on standard error, without control characters",
@@ -73,6 +80,9 @@ def run_directory():
         claims.check(f"{name}: names and units in the header, {rows} rows as wide as it",
                      all(c in header for c in columns) and len(body) == rows and
                      all(len(row) == len(header) for row in body), header)
+    _, *timing = table("timing.csv")
+    claims.check("timing.csv: a query of every output took some time, but no second",
+                 all(0 < float(field) < 1e9 for row in timing[1:] for field in row[-3:]), timing)
     policy = json.loads((run / "policy.json").read_text())
     claims.check("policy.json: the parameters of the last episode's network",
                  policy["episode"] == 4 and len(policy["parameters"]) == 3 * 10 + 10 + 10 + 1)

@@ -61,8 +61,11 @@ std::string JsonLine(const EpisodeRecord& record) {
   line["points"] = record.points;
   line["model_seconds"] = record.model_seconds;
   line["search_seconds"] = record.search_seconds;
+  line["rollout_seconds"] = record.rollout_seconds;
   line["evaluations"] = record.evaluations;
   line["gp_queries"] = record.gp_queries;
+  line["rollout_ns_per_gp_query"] = nullptr;
+  if (!record.random) line["rollout_ns_per_gp_query"] = RolloutNanosecondsPerQuery(record);
   line["predicted_return"] = nullptr;
   if (!record.random) line["predicted_return"] = record.predicted_return;
   line["return"] = record.real_return;
@@ -119,6 +122,19 @@ std::string PlanText(const EpisodeRecord& record) {
   const bool by_blas = record.plans.front().backend == QueryBackend::kBlas;
   return fmt::format("episode {}: plan {} of {} points{}", record.episode, outputs, record.points,
                      by_blas ? " by OpenBLAS" : "");
+}
+
+// One line that tells what the queries cost; "" for a random episode.
+std::string QueryTimeText(const EpisodeRecord& record) {
+  if (record.random) return "";
+  std::string outputs;
+  for (const double nanoseconds : record.query_nanoseconds) {
+    outputs += fmt::format("{}{:.0f}", outputs.empty() ? "" : ", ", nanoseconds);
+  }
+  return fmt::format("episode {}: {} GP queries in {} of rollouts, {:.0f} ns each; one thread: {}",
+                     record.episode, CountText(static_cast<double>(record.gp_queries)),
+                     SecondsText(record.rollout_seconds), RolloutNanosecondsPerQuery(record),
+                     outputs);
 }
 
 // "solved at episode 4", "not solved".
@@ -253,10 +269,10 @@ void Progress::Search(const PolicySearchProgress& progress) {
 
 void Progress::Episode(const Task& task, const EpisodeRecord& record) {
   ClearLive();
-  const std::string jitter = JitterText(task, record);
-  if (!jitter.empty()) Line(jitter);
-  const std::string plan = PlanText(record);
-  if (!plan.empty()) Line(plan);
+  for (const std::string& text :
+       {JitterText(task, record), PlanText(record), QueryTimeText(record)}) {
+    if (!text.empty()) Line(text);
+  }
   if (quiet_ && !json_) return;
   WriteOutput(json_ ? JsonLine(record) : TableRow(record));
 }
