@@ -9,6 +9,7 @@
 #include <variant>
 
 #include "engine/rollout/evaluator.h"
+#include "engine/rollout/tiling.h"
 #include "kernels/features/features.h"
 #include "kernels/gp_query/gp_query.h"
 #include "kernels/philox/philox.h"
@@ -164,18 +165,16 @@ PartSeconds TimeRolloutParts(const Task& task, const Policy& policy,
                              std::span<const QueryFactor> factors, const KeptBatch& batch,
                              int threads, std::span<double> returns) {
   const std::vector<Lane> lanes = LanesOf(batch);
-  const int n_lanes = static_cast<int>(lanes.size());
-  const int n_tiles = (n_lanes + kTileLanes - 1) / kTileLanes;
+  const Tiling tiles(static_cast<int>(lanes.size()), threads);
   PartSeconds total = {};
 #pragma omp parallel num_threads(threads)
   {
     Tile tile(task, policy, factors);
     PartClock clock;
 #pragma omp for schedule(dynamic, 1)
-    for (int i = 0; i < n_tiles; ++i) {
-      const int first = i * kTileLanes;
-      tile.Run(batch, lanes.data() + first, std::min(kTileLanes, n_lanes - first),
-               returns.data() + first, &clock);
+    for (int i = 0; i < tiles.count(); ++i) {
+      const int first = tiles.First(i);
+      tile.Run(batch, lanes.data() + first, tiles.Size(i), returns.data() + first, &clock);
     }
 #pragma omp critical
     for (int part = 0; part < kRolloutParts; ++part) total[part] += clock.seconds()[part];

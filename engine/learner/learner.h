@@ -73,7 +73,7 @@ struct EpisodeRecord {
   std::int64_t evaluations = 0;
   std::int64_t gp_queries = 0;
   std::int64_t diverged = 0;
-  // Rollouts / lanes of the tiles they were packed in, (0, 1]; NaN for a random episode.
+  // Rollouts / lanes of the vectors they were packed in, (0, 1]; NaN for a random episode.
   double lane_fill = 0;
   double predicted_return = 0;  // NaN for a random episode
   double real_return = 0;

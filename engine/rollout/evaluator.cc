@@ -12,6 +12,7 @@
 
 #include "engine/errors.h"
 #include "engine/rollout/one_lane.h"
+#include "engine/rollout/tiling.h"
 #include "kernels/features/features.h"
 #include "kernels/reward/reward.h"
 #include "kernels/transition/transition.h"
@@ -77,6 +78,9 @@ std::size_t LargestGpScratch(std::span<const QueryFactor> factors, int block_til
   return (bytes + sizeof(double) - 1) / sizeof(double);
 }
 
+// Tiles of kTileLanes lanes that hold n.
+int WholeTiles(int n) { return (n + kTileLanes - 1) / kTileLanes; }
+
 // Lanes of a tile that begins `before` lanes into a block of n.
 int TileLanes(int n, int before) { return std::min(kTileLanes, n - before); }
 
@@ -128,11 +132,13 @@ void Evaluator::Evaluate(std::span<const double> parameters, std::span<const Str
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   statistics_.seconds += elapsed.count();
   const double penalty = -task_.horizon;
-  const auto n_lanes = static_cast<std::int64_t>(lanes_.size());
+  const int n_lanes = static_cast<int>(lanes_.size());
   statistics_.diverged += std::count(returns.begin(), returns.end(), penalty);
   statistics_.rollouts += n_lanes;
-  statistics_.lanes += (n_lanes + kTileLanes - 1) / kTileLanes * kTileLanes;
-  statistics_.gp_queries += n_lanes * task_.horizon * task_.n_states();
+  statistics_.lanes += block_tiles_ == 1
+                           ? Tiling(n_lanes, options_.threads).computed_lanes()
+                           : static_cast<std::int64_t>(WholeTiles(n_lanes)) * kTileLanes;
+  statistics_.gp_queries += std::int64_t{n_lanes} * task_.horizon * task_.n_states();
 }
 
 std::vector<double> Evaluator::VisitedInputs(std::span<const double> parameters,
@@ -170,16 +176,25 @@ void Evaluator::Run(std::span<const double> parameters, std::span<const StreamKe
     return "room for " + std::to_string(returns.size()) + " returns: must be " +
            std::to_string(n_lanes);
   });
-  const std::int64_t n_tiles = (n_lanes + kTileLanes - 1) / kTileLanes;
-  // As few blocks as hold them, as equal as whole tiles allow.
+  const auto run_block = [&](int first, int n) {
+    RunBlock(parameters, keys, first, n, scratch_.data() + scratch_size_ * omp_get_thread_num(),
+             returns.data() + first, visited);
+  };
+  if (block_tiles_ == 1) {
+    const Tiling tiles(n_lanes, options_.threads);
+#pragma omp parallel for schedule(dynamic, 1) num_threads(options_.threads)
+    for (int tile = 0; tile < tiles.count(); ++tile) run_block(tiles.First(tile), tiles.Size(tile));
+    return;
+  }
+  // As few blocks as hold them, as equal as whole tiles allow: as OpenBLAS's bits may depend on the
+  // packing, it is the same for any number of threads.
+  const std::int64_t n_tiles = WholeTiles(n_lanes);
   const std::int64_t n_blocks = (n_tiles + block_tiles_ - 1) / block_tiles_;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(options_.threads)
   for (std::int64_t block = 0; block < n_blocks; ++block) {
     const int first = static_cast<int>(block * n_tiles / n_blocks) * kTileLanes;
     const int end = static_cast<int>((block + 1) * n_tiles / n_blocks) * kTileLanes;
-    RunBlock(parameters, keys, first, std::min(end, n_lanes) - first,
-             scratch_.data() + scratch_size_ * omp_get_thread_num(), returns.data() + first,
-             visited);
+    run_block(first, std::min(end, n_lanes) - first);
   }
 }
 
@@ -267,7 +282,7 @@ void Evaluator::RunBlock(std::span<const double> parameters, std::span<const Str
                          int first, int n, double* scratch, double* returns,
                          double* visited) const {
   std::array<TileScratch, kBlasTiles> all_tiles;
-  const int n_tiles = (n + kTileLanes - 1) / kTileLanes;
+  const int n_tiles = WholeTiles(n);
   const std::span<TileScratch> tiles(all_tiles.data(), n_tiles);
   double* const gp_scratch = scratch + block_tiles_ * tile_size_;
   for (int t = 0; t < n_tiles; ++t) {

@@ -25,16 +25,16 @@ struct EvaluatorOptions {
 struct EvaluatorStatistics {
   std::int64_t rollouts = 0;
   std::int64_t gp_queries = 0;  // rollouts x horizon x E
-  std::int64_t lanes = 0;       // tile lanes computed, idle ones included: fill = rollouts / lanes
+  std::int64_t lanes = 0;       // computed, idle ones in vectors included: fill = rollouts / lanes
   std::int64_t diverged = 0;    // rollouts that got the penalty
   double seconds = 0;           // wall time of the calls; no result depends on it
 };
 
-// The batched evaluator (docs/method.md): rollouts are packed into tiles of kTileLanes lanes, one
-// thread takes one tile through all steps (features, policy, GP queries, sample, reward), one
-// OpenMP region a call. If any factor is one for OpenBLAS, a thread takes a block of up to
-// kBlasTiles tiles. Results are the same bits for any thread count and, without OpenBLAS, any
-// packing of candidates.
+// The batched evaluator (docs/method.md): rollouts are packed into tiles (tiling.h), one thread
+// takes one tile through all steps (features, policy, GP queries, sample, reward), one OpenMP
+// region a call. If any factor is one for OpenBLAS, a thread takes a block of up to kBlasTiles
+// whole tiles. Results are the same bits for any thread count and, without OpenBLAS, any packing of
+// candidates.
 //
 // A rollout whose state is not finite, or beyond kStateLimit (the vector sine's range), has
 // diverged: it stops and its return is -horizon, below any return of rewards in [0, 1].
