@@ -2,7 +2,9 @@
 // One episode's search as the paper counts it: 400,000 rollouts x 40 steps x 4 outputs = 64 million
 // GP queries on a cart-pole model of 8 episodes (n = 320), by the exact posteriors in fp64 and by
 // the default plan. The search is the learner's own, so that candidates, batches, plan checks and
-// the work between batches are those of a run. Prints where the time went.
+// the work between batches are those of a run. Prints where the time went: 60 of the search's
+// batches, evenly over it, are run again kernel by kernel with a clock between (rollout_parts.h);
+// their shares of the evaluator's time on the same batches divide its time in the search.
 //   paper_episode [RUN] [--threads N] [--plan default|exact|both]
 // RUN is a run directory of cart-pole. Without it, the first call learns 8 episodes with default
 // settings and seed 0 and keeps their transitions in runs/paper_episode.
@@ -14,6 +16,7 @@
 #include <cstdio>
 #include <exception>
 #include <filesystem>
+#include <fstream>
 #include <limits>
 #include <numeric>
 #include <span>
@@ -24,6 +27,7 @@
 
 #include "bench/rollout_parts.h"
 #include "bench/run_data.h"
+#include "engine/errors.h"
 #include "engine/gp/gp_model.h"
 #include "engine/gp/process_settings.h"
 #include "engine/learner/atomic_file.h"
@@ -51,6 +55,15 @@ using Clock = std::chrono::steady_clock;
 
 double SecondsSince(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
+}
+
+std::string CpuModel() {
+  std::ifstream info("/proc/cpuinfo");
+  for (std::string line; std::getline(info, line);) {
+    const std::size_t colon = line.find(": ");
+    if (line.starts_with("model name") && colon != std::string::npos) return line.substr(colon + 2);
+  }
+  return "unknown CPU";
 }
 
 PolicySearchOptions SearchOptions(const Task& task, std::int64_t evaluations, int threads) {
@@ -266,10 +279,12 @@ void Print(const Episode& episode, const SampleTimes& times, int threads) {
   PrintPart("search between batches", episode.search_seconds - s.seconds - episode.check_seconds,
             episode.search_seconds);
   std::printf("before it: plan chosen in %.2f s\n", episode.plan_seconds);
+  std::printf("FMA peak of one thread: %.1f GFLOP/s fp64\n", times.peak_one);
+  if (threads == 1) return;
   std::printf(
-      "%d threads: %.2f x one thread on a sample of the batches; FMA peak fp64 %.1f, "
-      "together %.1f GFLOP/s: %.2f x\n",
-      threads, times.one_thread / times.all_threads, times.peak_one, times.peak_all,
+      "%d threads: rollouts %.2f x as fast as by one thread (%d batches of the search), "
+      "FMA peak %.1f GFLOP/s, %.2f x\n",
+      threads, times.one_thread / times.all_threads, kSample, times.peak_all,
       times.peak_all / times.peak_one);
 }
 
@@ -291,15 +306,22 @@ int Main(int argc, char** argv) {
     if (!std::filesystem::exists(run / "transitions.csv")) MakeRun(task, run, threads);
   }
   const Dataset data = ReadDataset(task, {&run, 1}, kEpisodes);
+  if (data.n_points() != kEpisodes * task.horizon) {
+    throw InvalidInput(run.string() + ": " + std::to_string(data.n_points()) +
+                       " transitions: must be " + std::to_string(kEpisodes * task.horizon) + ", " +
+                       std::to_string(kEpisodes) + " episodes");
+  }
   const Clock::time_point start = Clock::now();
   std::vector<ExactGp> gps;
   const auto fits = FitHyperparameters(data, {}, {}, kSeed, kEpisodes + 1, threads);
   for (int e = 0; e < data.n_outputs(); ++e) {
     gps.emplace_back(data.inputs, data.targets.col(e), fits[e].hyperparameters);
   }
-  std::printf("%s: %d points, model learnt from scratch in %.2f s; %d threads, %d processors, %s\n",
-              run.c_str(), data.n_points(), SecondsSince(start), threads, omp_get_num_procs(),
-              SimdTargetName());
+  const double model_seconds = SecondsSince(start);
+  std::printf("%s, %d processors, %s; %d thread%s\n", CpuModel().c_str(), omp_get_num_procs(),
+              SimdTargetName(), threads, threads == 1 ? "" : "s");
+  std::printf("%s: %d points, model learnt from scratch in %.2f s\n", run.c_str(), data.n_points(),
+              model_seconds);
   const auto policy = MakeNeuralNetworkPolicy(task, 10);
   for (const char* name : {"default", "exact"}) {
     if (plan != "both" && plan != name) continue;
