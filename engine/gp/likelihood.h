@@ -3,7 +3,7 @@
 
 #include <Eigen/Core>
 
-#include "engine/gp/hyperparameters.h"
+#include "kernels/aligned.h"
 
 namespace downpour {
 
@@ -20,17 +20,10 @@ class LogLikelihood {
   double operator()(const double* log_parameters, double* gradient);
 
  private:
-  bool Factorise(const double* log_parameters);
-  void Gradient(const double* log_parameters, double* gradient);
-
-  // n x (D + 1): columns centred (the likelihood does not see a shift), then a column of ones.
-  Eigen::MatrixXd inputs_;
+  Eigen::MatrixXd inputs_;  // n x D, columns centred: the likelihood does not see a shift
   Eigen::VectorXd targets_;
-  Eigen::MatrixXd scaled_;      // n x D
-  Eigen::MatrixXd covariance_;  // noise-free K, lower triangle
-  Eigen::MatrixXd factor_;      // K + noise, then L, then its inverse's lower triangle, then W
-  Eigen::VectorXd alpha_;
-  Eigen::MatrixXd product_;  // n x (D + 1)
+  Eigen::MatrixXd scaled_;  // D columns of n rounded up to whole vectors
+  AlignedVector<double> scratch_;
 };
 
 }  // namespace downpour

@@ -2,7 +2,6 @@
 #include "engine/gp/likelihood.h"
 
 #include <doctest/doctest.h>
-#include <omp.h>
 
 #include <cmath>
 #include <limits>
@@ -94,21 +93,6 @@ TEST_CASE("likelihood: the gradient matches central differences") {
       CHECK(std::abs((above - below) / (2 * kStep) - gradient[p]) <= tolerance);
     }
   });
-}
-
-TEST_CASE("likelihood: bits do not depend on the number of threads BLAS may use") {
-  const Eigen::MatrixXd x = RandomMatrix(400, 3, 1), y = RandomMatrix(400, 1, 2);
-  LogLikelihood likelihood(x, y.col(0));
-  const std::vector<double> parameters = {0.1, 0.2, 0.3, 0.0, -2.0};
-  std::vector<double> one(5), four(5);
-  const int before = omp_get_max_threads();
-  omp_set_num_threads(1);
-  const double value = likelihood(parameters.data(), one.data());
-  omp_set_num_threads(4);
-  CHECK(likelihood(parameters.data(), four.data()) == value);
-  CHECK(one == four);
-  CHECK(omp_get_max_threads() == 4);
-  omp_set_num_threads(before);
 }
 
 TEST_CASE("likelihood: is -infinity with gradient zero where K has no Cholesky factor") {
