@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numbers>
 #include <string>
+#include <utility>
 
 #include "engine/errors.h"
 #include "engine/gp/checks.h"
@@ -52,19 +53,60 @@ double FactoriseWithJitter(const Eigen::MatrixXd& covariance, double signal_vari
 
 ExactGp::ExactGp(const Eigen::MatrixXd& inputs, const Eigen::VectorXd& targets,
                  const Hyperparameters& hyperparameters)
-    : hyperparameters_(hyperparameters), inputs_(inputs) {
+    : hyperparameters_(hyperparameters), inputs_(inputs), targets_(targets) {
   CheckTrainingData(inputs, targets);
   CheckHyperparameters(hyperparameters, inputs.cols());
   const SingleThreadedBlas single_threaded;
   jitter_ =
       FactoriseWithJitter(Covariance(inputs, hyperparameters), Square(hyperparameters.signal_std),
                           Square(hyperparameters.noise_std), &cholesky_);
-  alpha_ = targets;
-  const int n = static_cast<int>(inputs.rows()), one = 1;
+  SolveAlpha();
+}
+
+void ExactGp::SolveAlpha() {
+  alpha_ = targets_;
+  const int n = static_cast<int>(targets_.size()), one = 1;
   int info = 0;
   dpotrs_("L", &n, &one, cholesky_.data(), &n, alpha_.data(), &n, &info);
-  log_marginal_likelihood_ = -0.5 * targets.dot(alpha_) - cholesky_.diagonal().array().log().sum() -
+  log_marginal_likelihood_ = -0.5 * targets_.dot(alpha_) -
+                             cholesky_.diagonal().array().log().sum() -
                              0.5 * n * std::log(2 * std::numbers::pi);
+}
+
+//  [ K   C^T ]   [ L         0       ] [ L         0       ]^T
+//  [ C   D   ] = [ C L^-T    chol(S) ] [ C L^-T    chol(S) ]   ,  S = D - C L^-T (C L^-T)^T
+ExactGp ExactGp::Append(const Eigen::MatrixXd& inputs, const Eigen::VectorXd& targets) const {
+  CheckTrainingData(inputs, targets);
+  if (inputs.cols() != inputs_.cols()) {
+    throw InvalidInput("GP append: points have " + std::to_string(inputs.cols()) +
+                       " inputs, must have " + std::to_string(inputs_.cols()));
+  }
+  const int n = static_cast<int>(inputs_.rows()), k = static_cast<int>(inputs.rows()), m = n + k;
+  Eigen::MatrixXd all_inputs(m, inputs.cols());
+  all_inputs << inputs_, inputs;
+  Eigen::VectorXd all_targets(m);
+  all_targets << targets_, targets;
+  if (jitter_ > 0) return ExactGp(all_inputs, all_targets, hyperparameters_);
+
+  const SingleThreadedBlas single_threaded;
+  Eigen::MatrixXd l = Covariance(all_inputs, hyperparameters_);
+  l.topLeftCorner(n, n) = cholesky_;
+  l.diagonal().tail(k).array() += Square(hyperparameters_.noise_std);
+  double* const c = l.data() + n;
+  double* const s = c + static_cast<std::size_t>(n) * m;
+  const double one = 1, minus_one = -1;
+  int info = 0;
+  dtrsm_("R", "L", "T", "N", &k, &n, &one, l.data(), &m, c, &m);
+  dsyrk_("L", "N", &k, &n, &minus_one, c, &m, &one, s, &m);
+  dpotrf_("L", &k, s, &m, &info);
+  if (info != 0) return ExactGp(all_inputs, all_targets, hyperparameters_);
+  ExactGp extended;
+  extended.hyperparameters_ = hyperparameters_;
+  extended.inputs_ = std::move(all_inputs);
+  extended.targets_ = std::move(all_targets);
+  extended.cholesky_ = std::move(l);
+  extended.SolveAlpha();
+  return extended;
 }
 
 // Paper Eq. 5: mean = k^T alpha, variance = sigma_f^2 - |L^-1 k|^2.

@@ -21,6 +21,11 @@ class ExactGp {
   ExactGp(const Eigen::MatrixXd& inputs, const Eigen::VectorXd& targets,
           const Hyperparameters& hyperparameters);
 
+  // This model with further points (k x D) and their targets (k), the hyper-parameters unchanged,
+  // in O(n^2 (D + k)) instead of O(n^3): as if constructed from all points, to rounding. Constructs
+  // it so where this model has jitter or the further points need some. Throws as the constructor.
+  ExactGp Append(const Eigen::MatrixXd& inputs, const Eigen::VectorXd& targets) const;
+
   const Hyperparameters& hyperparameters() const { return hyperparameters_; }
   const Eigen::MatrixXd& inputs() const { return inputs_; }
   const Eigen::MatrixXd& cholesky() const { return cholesky_; }  // L; the upper triangle is zero
@@ -35,8 +40,12 @@ class ExactGp {
   GpFactor Pack() const;
 
  private:
+  ExactGp() = default;
+  void SolveAlpha();  // from targets_ and cholesky_, with the likelihood
+
   Hyperparameters hyperparameters_;
   Eigen::MatrixXd inputs_;
+  Eigen::VectorXd targets_;
   Eigen::MatrixXd cholesky_;
   Eigen::VectorXd alpha_;
   double jitter_ = 0;

@@ -154,6 +154,50 @@ TEST_CASE("gp_model: duplicate points with noise count twice") {
   CHECK(variance2 == doctest::Approx(variance1).epsilon(100 * kEps));
 }
 
+TEST_CASE("gp_model: points appended give the model of all points") {
+  const Hyperparameters hyper{{0.7, 1.1, 2.0}, 1.5, 0.2};
+  for (const int n : {1, 7, 60}) {
+    for (const int k : {1, 2, 40}) {
+      CAPTURE(n);
+      CAPTURE(k);
+      Eigen::MatrixXd x = RandomMatrix(n + k, 3, n);
+      x.row(n) = x.row(0);  // a duplicate, which the noise makes harmless
+      const Eigen::VectorXd y = RandomMatrix(n + k, 1, n + 500);
+      const ExactGp all(x, y, hyper);
+      const ExactGp before(x.topRows(n), y.head(n), hyper);
+      const ExactGp gp = before.Append(x.bottomRows(k), y.tail(k));
+      const double unit = 4 * kEps * ConditionBound(hyper, n + k);
+      const double value = all.log_marginal_likelihood();
+      CHECK(gp.inputs() == x);
+      CHECK(gp.jitter() == 0);
+      CHECK((gp.cholesky() - all.cholesky()).norm() <= unit * all.cholesky().norm());
+      CHECK((gp.alpha() - all.alpha()).norm() <= unit * all.alpha().norm());
+      CHECK(std::abs(gp.log_marginal_likelihood() - value) <= unit * (std::abs(value) + n + k));
+      for (int j = 1; j < n + k; ++j) CHECK(gp.cholesky().col(j).head(j).isZero(0));
+    }
+  }
+}
+
+TEST_CASE("gp_model: appended points that need jitter give the model of all points, bit by bit") {
+  Eigen::MatrixXd x(4, 1);
+  x << 1, 3, 1, 5;
+  const Eigen::VectorXd y = RandomMatrix(4, 1, 1);
+  const Hyperparameters hyper{{1.0}, 2.0, 1e-12};
+  const ExactGp before(x.topRows(2), y.head(2), hyper), all(x, y, hyper);
+  REQUIRE(before.jitter() == 0);
+  REQUIRE(all.jitter() > 0);
+  const ExactGp three = before.Append(x.middleRows(2, 1), y.segment(2, 1));
+  CHECK(three.jitter() > 0);
+  // The second time the model appended to has the jitter.
+  for (const ExactGp& gp :
+       {before.Append(x.bottomRows(2), y.tail(2)), three.Append(x.bottomRows(1), y.tail(1))}) {
+    CHECK(gp.jitter() == all.jitter());
+    CHECK(gp.cholesky() == all.cholesky());
+    CHECK(gp.alpha() == all.alpha());
+    CHECK(gp.log_marginal_likelihood() == all.log_marginal_likelihood());
+  }
+}
+
 TEST_CASE("gp_model: bad hyper-parameters, data and queries are refused by name") {
   const Eigen::MatrixXd x = RandomMatrix(3, 2, 1);
   const Eigen::VectorXd y = Eigen::VectorXd::Ones(3);
@@ -173,6 +217,9 @@ TEST_CASE("gp_model: bad hyper-parameters, data and queries are refused by name"
   CHECK_THROWS_WITH_AS(ExactGp(bad, y, {{1.0, 1.0}, 1.0, 0.1}),
                        "GP inputs: row 1, column 0 is inf, must be finite", InvalidInput);
   const ExactGp gp(x, y, {{1.0, 1.0}, 1.0, 0.1});
+  CHECK_THROWS_WITH_AS(gp.Append(Eigen::MatrixXd::Ones(3, 1), y),
+                       "GP append: points have 1 inputs, must have 2", InvalidInput);
+  CHECK_THROWS_AS(gp.Append(bad, y), InvalidInput);
   double mean = 0, variance = 0;
   CHECK_THROWS_AS(gp.Predict(Eigen::VectorXd::Zero(3), &mean, &variance), InvalidInput);
 }
