@@ -28,6 +28,8 @@ struct LogScales {
 struct StartSearch {
   LogLikelihood* likelihood = nullptr;
   const LogScales* scales = nullptr;
+  const std::atomic<bool>* stop = nullptr;
+  nlopt_opt optimiser = nullptr;
   int evaluations = 0;
   double best_penalised = -std::numeric_limits<double>::infinity();
   double best_likelihood = 0;
@@ -78,10 +80,17 @@ double Curb(const LogScales& scales, const double* parameters, double* gradient)
   return curb;
 }
 
+bool IsSet(const std::atomic<bool>* stop) { return stop != nullptr && stop->load(); }
+
 // Minus the penalised log likelihood. Keeps the best point itself: NLopt loses it when it ends with
 // a failure code. Where there is no likelihood it is infinite, and the line search backs off.
 double Objective(unsigned n, const double* x, double* gradient, void* data) {
   auto& search = *static_cast<StartSearch*>(data);
+  if (IsSet(search.stop)) {
+    nlopt_force_stop(search.optimiser);
+    std::fill_n(gradient, n, 0.0);
+    return HUGE_VAL;
+  }
   ++search.evaluations;
   const double likelihood = (*search.likelihood)(x, gradient);
   const double penalised = likelihood - Curb(*search.scales, x, gradient);
@@ -135,11 +144,13 @@ Hyperparameters FromLogParameters(const std::vector<double>& parameters) {
 }
 
 StartSearch Maximise(const Dataset& data, int output, const LogScales& scales,
-                     std::vector<double> parameters, int max_evaluations) {
+                     std::vector<double> parameters, int max_evaluations,
+                     const std::atomic<bool>* stop) {
   LogLikelihood likelihood(data.inputs, data.targets.col(output));
   StartSearch search;
   search.likelihood = &likelihood;
   search.scales = &scales;
+  search.stop = stop;
   search.best_parameters = parameters;
 
   const double decade = std::log(10.0);
@@ -155,6 +166,7 @@ StartSearch Maximise(const Dataset& data, int output, const LogScales& scales,
   const std::unique_ptr<nlopt_opt_s, decltype(&nlopt_destroy)> optimiser(
       nlopt_create(NLOPT_LD_LBFGS, static_cast<unsigned>(parameters.size())), &nlopt_destroy);
   if (optimiser == nullptr) throw std::bad_alloc();
+  search.optimiser = optimiser.get();
   nlopt_set_lower_bounds(optimiser.get(), lower.data());
   nlopt_set_upper_bounds(optimiser.get(), upper.data());
   nlopt_set_maxeval(optimiser.get(), max_evaluations);
@@ -207,7 +219,8 @@ GpFit Best(const StartSearch* searches, int n_starts, int output) {
 std::vector<GpFit> FitHyperparameters(const Dataset& data,
                                       const std::vector<Hyperparameters>& warm_start,
                                       const GpFitOptions& options, std::uint64_t seed,
-                                      std::uint32_t episode, int threads) {
+                                      std::uint32_t episode, int threads,
+                                      const std::atomic<bool>* stop) {
   CheckArguments(data, warm_start, options, threads);
   const int n_outputs = data.n_outputs(), n_starts = options.restarts + 1;
   std::vector<LogScales> scales(n_outputs);
@@ -226,13 +239,15 @@ std::vector<GpFit> FitHyperparameters(const Dataset& data,
       parameters =
           warm_start.empty() ? DefaultStart(scales[output]) : LogParameters(warm_start[output]);
     }
-    return Maximise(data, output, scales[output], std::move(parameters), options.max_evaluations);
+    return Maximise(data, output, scales[output], std::move(parameters), options.max_evaluations,
+                    stop);
   };
 
   const int n_tasks = n_outputs * n_starts;
   std::vector<StartSearch> searches(n_tasks);
   ParallelFor(n_tasks, std::min(threads, n_tasks),
               [&](int task) { searches[task] = search(task / n_starts, task % n_starts); });
+  if (IsSet(stop)) throw Interrupted();
 
   std::vector<GpFit> fits;
   for (int e = 0; e < n_outputs; ++e) fits.push_back(Best(&searches[e * n_starts], n_starts, e));

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <atomic>
+#include <cstdint>
 #include <vector>
 
 #include "engine/gp/hyperparameters.h"
@@ -78,10 +80,12 @@ struct GpFit {
 // `threads`. Outputs x starts run in parallel on `threads` OpenMP threads; the highest penalised
 // likelihood wins, ties go to the first start. Throws InvalidInput for empty or non-finite data,
 // options out of range, a warm start that does not fit, or data so large that no likelihood is
-// finite.
+// finite. `stop` (may be null) is looked at before every likelihood; once it is true, throws
+// Interrupted.
 std::vector<GpFit> FitHyperparameters(const Dataset& data,
                                       const std::vector<Hyperparameters>& warm_start,
                                       const GpFitOptions& options, std::uint64_t seed,
-                                      std::uint32_t episode, int threads);
+                                      std::uint32_t episode, int threads,
+                                      const std::atomic<bool>* stop = nullptr);
 
 }  // namespace downpour

@@ -73,13 +73,14 @@ Dataset MakeDataset(const Task& task, const std::vector<Transition>& transitions
 // Learns the model of all transitions so far and plans its queries; fills the record's model
 // fields.
 PlannedModel LearnModel(const Task& task, const LearnerOptions& options, const LearnerState& state,
-                        const Policy& policy, EpisodeRecord* record) {
+                        const Policy& policy, const std::atomic<bool>* stop,
+                        EpisodeRecord* record) {
   const auto start = std::chrono::steady_clock::now();
   const Dataset data = MakeDataset(task, state.transitions);
   const EpisodeRecord* last = LastLearnt(state);
   const std::vector<GpFit> fits = FitHyperparameters(
       data, last == nullptr ? std::vector<Hyperparameters>() : last->hyperparameters, options.model,
-      options.seed, static_cast<std::uint32_t>(record->episode), options.rollout.threads);
+      options.seed, static_cast<std::uint32_t>(record->episode), options.rollout.threads, stop);
   std::vector<ExactGp> gps;
   for (int e = 0; e < data.n_outputs(); ++e) {
     record->hyperparameters.push_back(fits[e].hyperparameters);
@@ -210,7 +211,7 @@ const EpisodeRecord& Learner::RunEpisode(const Callbacks& callbacks) {
   record.platform = CurrentPlatform();
   if (!record.random) {
     BeginPhase(callbacks, "model");
-    PlannedModel model = LearnModel(task_, options_, state_, *policy_, &record);
+    PlannedModel model = LearnModel(task_, options_, state_, *policy_, callbacks.stop, &record);
     BeginPhase(callbacks, "search");
     LearnPolicy(task_, options_, state_, *policy_, callbacks, &model, &record);
   }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <doctest/doctest.h>
 
+#include <atomic>
+#include <chrono>
 #include <cmath>
 #include <limits>
 #include <vector>
@@ -163,6 +165,19 @@ TEST_CASE("fit: the best evaluation is kept however few are allowed") {
     CHECK(value >= previous);
     previous = value;
   }
+}
+
+TEST_CASE("fit: a stop ends every start before its next likelihood") {
+  const CartpoleReference ref;
+  const GpFitOptions options{.restarts = 30};
+  const std::atomic<bool> go = false, stop = true;
+  const auto start = std::chrono::steady_clock::now();
+  CHECK_NOTHROW(FitHyperparameters(ref.data, {}, options, 1, 0, 2, &go));
+  const auto middle = std::chrono::steady_clock::now();
+  CHECK_THROWS_AS(FitHyperparameters(ref.data, {}, options, 1, 0, 2, &stop), Interrupted);
+  const auto end = std::chrono::steady_clock::now();
+  // Thirty likelihoods a start, or none.
+  CHECK(end - middle < (middle - start) / 3);
 }
 
 TEST_CASE("fit: degenerate data have a finite answer that predicts them") {
