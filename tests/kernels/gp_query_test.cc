@@ -170,7 +170,8 @@ TEST_CASE_TEMPLATE("gp_query: a query that is not finite spoils its own lane onl
   });
 }
 
-TEST_CASE_TEMPLATE("gp_query: far from the data the prior comes back, rounded once", T, double, float) {
+TEST_CASE_TEMPLATE("gp_query: far from the data the prior comes back, rounded once", T, double,
+                   float) {
   ForEachTarget([](const char* target) {
     CAPTURE(target);
     TestNumbers random(6);
