@@ -18,7 +18,8 @@ constexpr int kMaxProbes = 8192;
 // Probes may use half of the tolerance.
 constexpr double kMargin = 0.5;
 // Half decades: neighbours differ by about one block of rows at n = 320.
-constexpr double kLadder[] = {1, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001, 0.0003, 0.0001};
+constexpr double kLadder[] = {1,    0.3,  0.1,  0.03, 0.01, 0.003, 1e-3,
+                              3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6};
 
 std::string Text(double value) {
   char text[32];
