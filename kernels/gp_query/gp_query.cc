@@ -25,16 +25,16 @@ template <typename T>
 struct Group {
   T* queries;   // D rows: s_d x_d - c_d
   T* e;         // n_padded rows, e or e'
-  T* rows;      // kChunkSide rows of W e, incomplete between chunks
+  T* rows;      // kChunkRows rows of W e, incomplete between chunks
   T* mean;      // 1 row
   T* variance;  // 1 row
 
-  static std::size_t Rows(const GpFactorT<T>& f) { return f.dim + f.n_padded + kChunkSide + 2; }
+  static std::size_t Rows(const GpFactorT<T>& f) { return f.dim + f.n_padded + kChunkRows + 2; }
   Group(const GpFactorT<T>& f, std::size_t lanes, T* scratch)
       : queries(scratch),
         e(queries + f.dim * lanes),
         rows(e + f.n_padded * lanes),
-        mean(rows + kChunkSide * lanes),
+        mean(rows + kChunkRows * lanes),
         variance(mean + lanes) {}
 };
 
@@ -85,24 +85,42 @@ HWY_INLINE void StartVariance(double signal_variance, const Group<T>& group, int
   }
 }
 
-// Adds a chunk's panels for the group of kWidth vectors from `first` on. The groups share the
-// fetching of the chunk that follows: a triangle beyond the second-level cache comes in evenly.
+// What the group of kWidth vectors from `first` on fetches during a chunk, evenly: its share of the
+// chunk that follows, and its own part of e for that chunk.
+template <int kWidth, typename T>
+HWY_INLINE void PlanFetches(const TriangleChunk& chunk, const T* next_chunk, const T* e, int first,
+                            int vectors, Fetch<T> (&fetch)[2]) {
+  const int lanes = kWidth * static_cast<int>(hn::Lanes(hn::ScalableTag<T>()));
+  const int n_groups = (vectors + 2) / 3, group = (first + 2) / 3;
+  const int share = (2 * kRowBlock + n_groups - 1) / n_groups;  // elements at a pair of columns
+  const T* const from = next_chunk + chunk.size * group / n_groups;
+  if (share * sizeof(T) <= 64) {
+    const int column = chunk.column + kChunkColumns;
+    fetch[0] = {from, share};
+    fetch[1] = {e + (column <= chunk.row ? column : 0) * lanes, 2 * kRowBlock * lanes / kChunkRows};
+  } else {  // one group of double has two lines to fetch
+    fetch[0] = {from, share / 2};
+    fetch[1] = {from + chunk.size / 2, share / 2};
+  }
+}
+
+// Adds a chunk's panels for the group of kWidth vectors from `first` on.
 template <int kWidth, typename T>
 HWY_INLINE void AddChunk(const GpFactorT<T>& f, const TriangleChunk& chunk, const Group<T>& group,
                          int first, int vectors) {
   const std::size_t lanes = kWidth * hn::Lanes(hn::ScalableTag<T>());
-  const int step = (kRowBlock * kWidth + vectors - 1) / vectors;
   const T* w = f.triangle.data() + chunk.offset;
-  const T* fetch = w + chunk.size + chunk.size * first / vectors;
+  Fetch<T> fetch[2];
+  PlanFetches<kWidth>(chunk, w + chunk.size, group.e, first, vectors, fetch);
   for (int row = chunk.row; row < chunk.end_row; row += kRowBlock) {
     const int n_columns = chunk.Columns(row);
     const bool ends_rows = row > 0 && chunk.column + n_columns == row + kRowBlock;
-    AddPanel<kWidth>(w, n_columns, chunk.column == 0, ends_rows, fetch, step,
+    AddPanel<kWidth>(w, n_columns, chunk.column == 0, ends_rows, fetch,
                      group.e + chunk.column * lanes, group.rows + (row - chunk.row) * lanes,
                      group.variance);
     if (row == 0) StartVariance(f.signal_variance, group, static_cast<int>(lanes));
     w += kRowBlock * n_columns;
-    fetch += step * n_columns;
+    for (Fetch<T>& part : fetch) part.from += part.step * n_columns / 2;
   }
 }
 
@@ -187,10 +205,10 @@ HWY_EXPORT(QueryTileDouble);
 HWY_EXPORT(QueryTileFloat);
 
 std::size_t GpQueryScratchBytes(const GpFactor& f) {
-  return sizeof(double) * kTileLanes * (f.dim + f.n_padded + kChunkSide + 2);
+  return sizeof(double) * kTileLanes * (f.dim + f.n_padded + kChunkRows + 2);
 }
 std::size_t GpQueryScratchBytes(const GpFactor32& f) {
-  return sizeof(float) * kTileLanes * (f.dim + f.n_padded + kChunkSide + 2);
+  return sizeof(float) * kTileLanes * (f.dim + f.n_padded + kChunkRows + 2);
 }
 
 void GpQueryTile(const GpFactor& factor, int n_lanes, const double* x, void* scratch, double* mean,

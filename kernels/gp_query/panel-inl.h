@@ -22,13 +22,20 @@ constexpr bool kManyRegisters = HWY_MAX_BYTES >= 64;
 template <int kWidth>
 constexpr int kRows = kManyRegisters || kWidth == 1 ? 8 : 4;
 
-// Adds a panel's n_columns columns to its rows of W e, and takes the rows' squares from the
-// variance once they are complete. Meanwhile fetches a line at every fetch_step elements from
-// `fetch` on.
+// What is read next, brought into the second-level cache: a line at every `step` elements.
+template <typename T>
+struct Fetch {
+  const T* from;
+  int step;
+};
+
+// Adds a panel's n_columns columns, an even number, to its rows of W e, and takes the rows' squares
+// from the variance once they are complete. Makes a step of each fetch at every other column: they
+// take the slots of loads, and a line needs more than one column to come.
 template <int kWidth, typename T>
 HWY_INLINE void AddPanel(const T* HWY_RESTRICT w, int n_columns, bool begins_rows, bool ends_rows,
-                         const T* fetch, int fetch_step, const T* HWY_RESTRICT e,
-                         T* HWY_RESTRICT rows, T* HWY_RESTRICT variance) {
+                         const Fetch<T> (&fetch)[2], const T* HWY_RESTRICT e, T* HWY_RESTRICT rows,
+                         T* HWY_RESTRICT variance) {
   const hn::ScalableTag<T> d;
   using V = hn::Vec<decltype(d)>;
   const size_t lanes = hn::Lanes(d);
@@ -42,20 +49,25 @@ HWY_INLINE void AddPanel(const T* HWY_RESTRICT w, int n_columns, bool begins_row
     }
     const T* HWY_RESTRICT wj = w + part;
     const T* HWY_RESTRICT ej = e;
-    const T* next = fetch;
-    for (int j = 0; j < n_columns; ++j) {
-      // The panel itself into the first-level cache 1 KiB ahead, what follows into the second.
-      __builtin_prefetch(wj + 1024 / sizeof(T), 0, 3);
-      __builtin_prefetch(next, 0, 2);
-      V c[kWidth];
-      for (int v = 0; v < kWidth; ++v) c[v] = hn::Load(d, ej + v * lanes);
-      HWY_UNROLL(8) for (int r = 0; r < kRows<kWidth>; ++r) {
-        const V wr = hn::Set(d, wj[r]);
-        for (int v = 0; v < kWidth; ++v) row[r][v] = hn::MulAdd(wr, c[v], row[r][v]);
+    const T* next[2] = {fetch[0].from, fetch[1].from};
+    for (int j = 0; j < n_columns; j += 2) {
+      HWY_UNROLL(2) for (int odd = 0; odd < 2; ++odd) {
+        // The panel itself comes into the first-level cache 1 KiB ahead, line by line.
+        constexpr int kLine = 64 / sizeof(T);
+        if (odd * kRowBlock % kLine == 0) {
+          __builtin_prefetch(wj + odd * kRowBlock + 1024 / sizeof(T), 0, 3);
+        }
+        __builtin_prefetch(next[odd], 0, 2);
+        V c[kWidth];
+        for (int v = 0; v < kWidth; ++v) c[v] = hn::Load(d, ej + (odd * kWidth + v) * lanes);
+        HWY_UNROLL(8) for (int r = 0; r < kRows<kWidth>; ++r) {
+          const V wr = hn::Set(d, wj[odd * kRowBlock + r]);
+          for (int v = 0; v < kWidth; ++v) row[r][v] = hn::MulAdd(wr, c[v], row[r][v]);
+        }
+        next[odd] += fetch[odd].step;
       }
-      wj += kRowBlock;
-      next += fetch_step;
-      ej += kWidth * lanes;
+      wj += 2 * kRowBlock;
+      ej += 2 * kWidth * lanes;
     }
     for (int v = 0; v < kWidth; ++v) {
       if (ends_rows) {
