@@ -13,6 +13,7 @@
 #include "hwy/highway.h"
 #include "kernels/gp_query/covariances-inl.h"
 #include "kernels/gp_query/panel-inl.h"
+#include "kernels/gp_query/single-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace downpour {
@@ -159,10 +160,24 @@ HWY_INLINE void WriteResults(const Group<T>& group, int lanes, double* HWY_RESTR
   }
 }
 
+// So many queries cost less one by one than in a vector of lanes: at n = 320 one takes 4.5 us in
+// double and 3.5 us in float, a vector of lanes 11.7 us and 11.4 us.
+template <typename T>
+constexpr int kFew = std::is_same_v<T, double> ? 2 : 3;
+
 template <typename T>
 void QueryTile(const GpFactorT<T>& f, int n_lanes, const double* HWY_RESTRICT x,
                T* HWY_RESTRICT scratch, double* HWY_RESTRICT mean, double* HWY_RESTRICT variance) {
   const int lanes = static_cast<int>(hn::Lanes(hn::ScalableTag<T>()));
+  if (n_lanes <= kFew<T> && n_lanes <= lanes) {
+    const Group<T> group(f, lanes, scratch);
+    ScaleQueries(f, x, lanes, group.queries);
+    for (int lane = 0; lane < n_lanes; ++lane) {
+      QuerySingle(f, group.queries + lane, lanes, group.e, group.rows, mean + lane,
+                  variance == nullptr ? nullptr : variance + lane);
+    }
+    return;
+  }
   const int vectors = (n_lanes + lanes - 1) / lanes;
   const auto group_at = [&](int width, int first) {
     return Group<T>(f, width * lanes, scratch + Group<T>::Rows(f) * first * lanes);

@@ -155,6 +155,9 @@ TEST_CASE_TEMPLATE("gp_query: a query that is not finite spoils its own lane onl
       for (const int at : {0, 7, 20, 33, 47}) {
         auto spoilt_x = x;
         spoilt_x[kTileLanes + at] = bad;
+        const TileResult alone = Query(factor, spoilt_x, 1);
+        CHECK(std::isnan(alone.mean[0]) == (at == 0));
+        CHECK(std::isnan(alone.variance[0]) == (at == 0));
         const TileResult spoilt = Query(factor, spoilt_x);
         for (int lane = 0; lane < kTileLanes; ++lane) {
           if (lane == at) {
