@@ -1,104 +1,243 @@
 // SPDX-License-Identifier: Apache-2.0
-// Evaluations that CMA-ES needs on standard functions: median, quartiles and share solved over 31
-// seeds, target 1e-8, first mean U[-4, 4]^P, first sigma 2. Rastrigin is restarted by BIPOP. With
-// it, the time that one generation takes at the size of a cart-pole policy.
+// Evaluations that CMA-ES needs on standard functions: median, quartiles and share solved over
+// seeds, target 1e-8, first mean U[-4, 4]^P, first sigma 2, one run a seed unless the name says
+// otherwise; large dimensions; final values under noise; the time that a generation takes.
+#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdint>
 #include <cstdio>
+#include <exception>
+#include <limits>
+#include <string>
 #include <vector>
 
 #include "engine/gp/process_settings.h"
-#include "engine/search/bipop.h"
-#include "engine/search/cma_es.h"
+#include "engine/search/minimise.h"
+#include "engine/search/search_run.h"
 #include "tests/search/test_functions.h"
 
 namespace downpour {
 namespace {
 
-constexpr int kSeeds = 31;
-constexpr double kTarget = 1e-8;
-constexpr double kSigma = 2;
+constexpr double kInf = std::numeric_limits<double>::infinity();
 
-struct Outcome {
-  std::int64_t evaluations = 0;
-  bool solved = false;
+struct Settings {
+  std::vector<std::string> tables, functions;
+  int seeds = 31;
+  bool runs = false;
 };
 
-// One run until the target, a stopping criterion or the share of a small run.
-Outcome RunOnce(const TestFunction& function, int dimension, std::uint32_t seed,
-                const RunPlan& plan, RestartScheduler& scheduler, std::int64_t max_evaluations) {
-  const auto run = static_cast<std::uint32_t>(plan.run);
-  const auto p = static_cast<std::size_t>(dimension);
-  std::vector<double> mean(p);
-  FillUniforms(DeriveKey(seed, StreamPurpose::kSearchRestart, {run}), 1, mean.data(), p);
-  for (double& value : mean) value = 8 * value - 4;
-  CmaEs cma(mean, plan.sigma, plan.population);
-  std::vector<double> candidates(p * static_cast<std::size_t>(plan.population));
-  std::vector<double> costs(static_cast<std::size_t>(plan.population));
-  Outcome outcome;
-  while (cma.stop().empty() && outcome.evaluations < max_evaluations &&
-         !scheduler.IsExhausted(plan, outcome.evaluations)) {
-    const auto generation = static_cast<std::uint32_t>(cma.generation());
-    cma.Ask(DeriveKey(seed, StreamPurpose::kSearchSampling, {run, generation}), candidates);
+double Quantile(std::vector<double> values, double share) {
+  std::sort(values.begin(), values.end());
+  return values[static_cast<std::size_t>(share * static_cast<double>(values.size()))];
+}
+
+// The optimum is the corner (0, ..., 0) of the box.
+double Corner(std::span<const double> x) {
+  double sum = 0;
+  for (const double v : x) sum += 2 * v + v * v;
+  return sum;
+}
+
+struct Row {
+  std::string name;
+  TestFunction function;
+  int dimension;
+  RestartStrategy restarts = RestartStrategy::kSingle;
+  CovarianceForm covariance = CovarianceForm::kFull;
+  bool bounded = false;
+  std::int64_t evaluations = 3'000'000;
+  int max_seeds = 1000;
+};
+
+MinimiseResult RunSeed(const Row& row, std::uint64_t seed) {
+  const auto p = static_cast<std::size_t>(row.dimension);
+  MinimiseOptions options;
+  options.lower.assign(p, row.bounded ? 0 : -4);
+  options.upper.assign(p, 4);
+  options.bounded = row.bounded;
+  options.sigma = row.bounded ? 1 : 2;
+  options.restarts = row.restarts;
+  options.covariance = row.covariance;
+  options.target = 1e-8;
+  options.evaluations = row.evaluations;
+  options.seed = seed;
+  return Minimise(options, [&](std::span<const double> candidates, std::span<double> costs) {
     for (std::size_t c = 0; c < costs.size(); ++c) {
-      costs[c] = function({candidates.data() + c * p, p});
-      ++outcome.evaluations;
-      if (costs[c] < kTarget) {
-        outcome.solved = true;
-        return outcome;
+      costs[c] = row.function(candidates.subspan(c * p, p));
+    }
+  });
+}
+
+void PrintRuns(const MinimiseResult& result) {
+  for (const MinimiseRun& run : result.runs) {
+    std::printf("    run %2d lambda %4d sigma %.3f evaluations %7lld best %.2e %s\n", run.plan.run,
+                run.plan.population, run.plan.sigma, static_cast<long long>(run.evaluations),
+                run.best_cost, run.stop.c_str());
+  }
+}
+
+void PrintRow(const Row& row, const Settings& settings) {
+  const int seeds = std::min(settings.seeds, row.max_seeds);
+  std::vector<double> evaluations, costs;
+  int solved = 0;
+  const auto start = std::chrono::steady_clock::now();
+  for (int seed = 1; seed <= seeds; ++seed) {
+    const MinimiseResult result = RunSeed(row, static_cast<std::uint64_t>(seed));
+    const bool reached = result.best_cost < 1e-8;
+    evaluations.push_back(reached ? static_cast<double>(result.evaluations) : kInf);
+    costs.push_back(result.best_cost);
+    solved += reached;
+    if (settings.runs) PrintRuns(result);
+  }
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  std::printf("%-28s %5d %9.0f %9.0f %9.0f %5d/%d %9.1e %8.2f\n", row.name.c_str(), row.dimension,
+              Quantile(evaluations, 0.25), Quantile(evaluations, 0.5), Quantile(evaluations, 0.75),
+              solved, seeds, Quantile(costs, 0.5), seconds / seeds);
+  std::fflush(stdout);
+}
+
+std::vector<Row> EvaluationRows() {
+  struct Named {
+    const char* name;
+    TestFunction function;
+  };
+  const Named functions[] = {{"sphere", Sphere},
+                             {"ellipsoid", Ellipsoid},
+                             {"cigar", Cigar},
+                             {"tablet", Tablet},
+                             {"different powers", DifferentPowers},
+                             {"Schwefel", Schwefel},
+                             {"Griewank", Griewank},
+                             {"Rosenbrock", Rosenbrock}};
+  std::vector<Row> rows;
+  for (const auto& [name, function] : functions) {
+    for (const int dimension : {10, 20}) rows.push_back({name, function, dimension});
+  }
+  rows.push_back({"corner of a box", Corner, 10});
+  rows.back().bounded = true;
+  rows.push_back({"Rastrigin BIPOP", Rastrigin, 10, RestartStrategy::kBipop});
+  rows.push_back({"Rastrigin IPOP", Rastrigin, 10, RestartStrategy::kIpop});
+  return rows;
+}
+
+std::vector<Row> LargeRows() {
+  constexpr auto kSingle = RestartStrategy::kSingle;
+  constexpr auto kFull = CovarianceForm::kFull, kDiagonal = CovarianceForm::kDiagonal,
+                 kLimited = CovarianceForm::kLimitedMemory;
+  return {
+      {"sphere full", Sphere, 100, kSingle, kFull, false, 2'000'000, 5},
+      {"sphere diagonal", Sphere, 100, kSingle, kDiagonal, false, 2'000'000, 11},
+      {"sphere limited memory", Sphere, 100, kSingle, kLimited, false, 2'000'000, 11},
+      {"ellipsoid full", Ellipsoid, 100, kSingle, kFull, false, 2'000'000, 5},
+      {"ellipsoid diagonal", Ellipsoid, 100, kSingle, kDiagonal, false, 2'000'000, 11},
+      {"ellipsoid limited memory", Ellipsoid, 100, kSingle, kLimited, false, 4'000'000, 3},
+      {"different powers full", DifferentPowers, 100, kSingle, kFull, false, 2'000'000, 5},
+      {"different powers diagonal", DifferentPowers, 100, kSingle, kDiagonal, false, 2'000'000, 11},
+      {"sphere limited memory", Sphere, 1000, kSingle, kLimited, false, 2'000'000, 5},
+      {"cigar limited memory", Cigar, 1000, kSingle, kLimited, false, 2'000'000, 3},
+      {"ellipsoid diagonal", Ellipsoid, 1000, kSingle, kDiagonal, false, 4'000'000, 3}};
+}
+
+// What the budget of an episode's search is enough for, on which CovarianceForm::kAuto rests.
+std::vector<Row> BudgetRows() {
+  std::vector<Row> rows;
+  for (const int dimension : {100, 250, 500, 1000}) {
+    for (const auto& [name, function] :
+         {std::pair<std::string, TestFunction>{"ellipsoid", Ellipsoid},
+          std::pair<std::string, TestFunction>{"Rosenbrock", Rosenbrock}}) {
+      for (const auto& [form_name, form] :
+           {std::pair(" full", CovarianceForm::kFull),
+            std::pair(" limited memory", CovarianceForm::kLimitedMemory)}) {
+        rows.push_back({name + form_name, function, dimension, RestartStrategy::kSingle, form,
+                        false, 300'000, 1});
       }
     }
-    cma.Tell(costs);
-    scheduler.Add(plan, plan.population);
   }
-  return outcome;
+  return rows;
 }
 
-Outcome RunSeed(const TestFunction& function, int dimension, std::uint32_t seed, bool restarts,
-                std::int64_t max_evaluations) {
-  RestartScheduler scheduler(RestartStrategy::kBipop, CmaEs::DefaultPopulation(dimension), 1 << 20,
-                             kSigma, 2);
-  RunPlan plan = scheduler.First(kSigma);
-  Outcome total;
+// Mean return that SearchRun maximises: -f, disturbed.
+struct Noise {
+  const char* name;
+  double additive, multiplicative;
+};
+
+// True value of the final mean of one run that spends the budget, whatever criterion it meets.
+double FinalValue(const TestFunction& function, const Noise& noise, UncertaintyHandling handling,
+                  std::uint64_t seed) {
+  constexpr int kP = 10;
+  constexpr std::int64_t kBudget = 30000;
+  PolicySearchOptions options;
+  options.bound = 1e6;
+  options.uncertainty = handling;
+  options.max_rollouts = 1000;
+  std::vector<double> mean(kP);
+  FillUniforms(DeriveKey(seed, StreamPurpose::kSearchRestart, {0}), 1, mean.data(), kP);
+  for (double& value : mean) value = 8 * value - 4;
+  const RunPlan plan{0, Regime::kFirst, CmaEs::DefaultPopulation(kP), 2};
+  SearchRun run(options, plan, mean, seed, 0);
+  SearchBatch batch;
   while (true) {
-    const Outcome run =
-        RunOnce(function, dimension, seed, plan, scheduler, max_evaluations - total.evaluations);
-    total.evaluations += run.evaluations;
-    total.solved = run.solved;
-    scheduler.End(plan);
-    if (!restarts || total.solved || total.evaluations >= max_evaluations) return total;
-    double draws[2];
-    FillUniforms(
-        DeriveKey(seed, StreamPurpose::kSearchRestart, {static_cast<std::uint32_t>(plan.run) + 1}),
-        0, draws, 2);
-    plan = scheduler.Next(draws[0], draws[1]);
+    batch.n_candidates = batch.n_returns = 0;
+    run.Plan(&batch);
+    if (run.evaluations() + run.n_returns() > kBudget) break;
+    batch.parameters.resize(batch.n_candidates * kP);
+    batch.keys.resize(batch.n_candidates);
+    batch.n_rollouts.resize(batch.n_candidates);
+    batch.returns.resize(batch.n_returns);
+    run.Ask(&batch);
+    std::vector<double> normals;
+    for (std::size_t c = 0, r = 0; c < batch.n_candidates; ++c) {
+      normals.resize(static_cast<std::size_t>(batch.n_rollouts[c]));
+      FillNormals(batch.keys[c], 0, normals.data(), normals.size());
+      const double value = function({batch.parameters.data() + c * kP, kP});
+      for (const double z : normals) {
+        batch.returns[r++] = -(value * (1 + noise.multiplicative * z) + noise.additive * z);
+      }
+    }
+    run.Tell(batch);
+  }
+  return function(run.Mean());
+}
+
+void PrintNoise(const Settings& settings) {
+  std::printf("\n%-12s %-20s %-9s %10s %10s %10s\n", "final value", "noise", "handling", "quartile",
+              "median", "quartile");
+  const std::pair<const char*, TestFunction> functions[] = {{"sphere", Sphere},
+                                                            {"Rosenbrock", Rosenbrock}};
+  const Noise noises[] = {{"additive, std 1", 1, 0}, {"multiplicative, 0.3", 0, 0.3}};
+  const std::pair<const char*, UncertaintyHandling> handlings[] = {
+      {"off", UncertaintyHandling::kOff},
+      {"sigma", UncertaintyHandling::kSigma},
+      {"rollouts", UncertaintyHandling::kRollouts},
+      {"lra", UncertaintyHandling::kLra}};
+  for (const auto& [name, function] : functions) {
+    for (const Noise& noise : noises) {
+      for (const auto& [handling_name, handling] : handlings) {
+        std::vector<double> values;
+        for (int seed = 1; seed <= settings.seeds; ++seed) {
+          values.push_back(FinalValue(function, noise, handling, static_cast<std::uint64_t>(seed)));
+        }
+        std::printf("%-12s %-20s %-9s %10.3g %10.3g %10.3g\n", name, noise.name, handling_name,
+                    Quantile(values, 0.25), Quantile(values, 0.5), Quantile(values, 0.75));
+        std::fflush(stdout);
+      }
+    }
   }
 }
 
-void PrintRow(const char* name, const TestFunction& function, int dimension, bool restarts) {
-  std::vector<std::int64_t> evaluations;
-  int solved = 0;
-  for (std::uint32_t seed = 1; seed <= kSeeds; ++seed) {
-    const Outcome outcome = RunSeed(function, dimension, seed, restarts, 3'000'000);
-    evaluations.push_back(outcome.evaluations);
-    solved += outcome.solved;
-  }
-  std::sort(evaluations.begin(), evaluations.end());
-  std::printf("%-18s %3d %10lld %10lld %10lld   %d/%d\n", name, dimension,
-              static_cast<long long>(evaluations[kSeeds / 4]),
-              static_cast<long long>(evaluations[kSeeds / 2]),
-              static_cast<long long>(evaluations[3 * kSeeds / 4]), solved, kSeeds);
-}
-
-void PrintGenerationTime(int dimension, int population) {
+void PrintGenerationTime(int dimension, int population, CovarianceForm form) {
   constexpr int kGenerations = 300;
   const auto p = static_cast<std::size_t>(dimension);
   const auto lambda = static_cast<std::size_t>(population);
   std::vector<double> mean(p, 1.0), candidates(p * lambda), costs(lambda);
   double best_ask = 1e9, best_tell = 1e9;
-  for (int repetition = 0; repetition < 5; ++repetition) {
-    CmaEs cma(mean, 1, population);
+  for (int repetition = 0; repetition < 3; ++repetition) {
+    CmaEs cma(mean, 1, population, {.covariance = form});
     double ask = 0, tell = 0;
     for (std::uint32_t g = 0; g < kGenerations; ++g) {
       const auto t0 = std::chrono::steady_clock::now();
@@ -113,26 +252,86 @@ void PrintGenerationTime(int dimension, int population) {
     best_ask = std::min(best_ask, ask / kGenerations);
     best_tell = std::min(best_tell, tell / kGenerations);
   }
-  std::printf("P = %d, lambda = %d: ask %.0f us, tell %.0f us a generation\n", dimension,
-              population, 1e6 * best_ask, 1e6 * best_tell);
+  const char* const names[] = {"auto", "full", "diagonal", "limited memory"};
+  std::printf("%-15s P = %4d, lambda = %3d: ask %5.0f us, tell %5.0f us a generation\n",
+              names[static_cast<int>(form)], dimension, population, 1e6 * best_ask,
+              1e6 * best_tell);
+}
+
+int Main(int argc, char** argv) {
+  Settings settings;
+  const std::vector<std::string> tables = {"evaluations", "large", "budget", "noise", "time"};
+  settings.tables = tables;
+  CLI::App app("Evaluations, noise and time of CMA-ES on standard functions");
+  app.add_option("--tables", settings.tables, "which tables to print")
+      ->delimiter(',')
+      ->check(CLI::IsMember(tables))
+      ->capture_default_str();
+  app.add_option("--functions", settings.functions,
+                 "rows of the first three tables whose names begin so; all if left out")
+      ->delimiter(',');
+  app.add_option("--seeds", settings.seeds, "seeds 1, 2, ...; large dimensions have fewer")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  app.add_flag("--runs", settings.runs, "a line a CMA-ES run too");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::CallForHelp& help) {
+    return app.exit(help);
+  }
+
+  const auto wants = [&](const char* table) {
+    return std::find(settings.tables.begin(), settings.tables.end(), table) !=
+           settings.tables.end();
+  };
+  std::vector<Row> rows;
+  if (wants("evaluations")) rows = EvaluationRows();
+  if (wants("large")) {
+    for (const Row& row : LargeRows()) rows.push_back(row);
+  }
+  if (wants("budget")) {
+    for (const Row& row : BudgetRows()) rows.push_back(row);
+  }
+  for (const std::string& name : settings.functions) {
+    if (std::none_of(rows.begin(), rows.end(),
+                     [&](const Row& row) { return row.name.starts_with(name); })) {
+      throw CLI::ValidationError("--functions", name + ": no row of these tables begins so");
+    }
+  }
+  if (!rows.empty()) {
+    std::printf("%-28s %5s %9s %9s %9s   %6s %9s %8s\n", "evaluations to 1e-8", "P", "quartile",
+                "median", "quartile", "solved", "best cost", "s a seed");
+  }
+  for (const Row& row : rows) {
+    if (settings.functions.empty() ||
+        std::any_of(settings.functions.begin(), settings.functions.end(),
+                    [&](const std::string& name) { return row.name.starts_with(name); })) {
+      PrintRow(row, settings);
+    }
+  }
+  if (wants("noise")) PrintNoise(settings);
+  if (wants("time")) {
+    for (const int population : {16, 32})
+      PrintGenerationTime(71, population, CovarianceForm::kFull);
+    for (const int dimension : {100, 250, 500, 1000}) {
+      for (const CovarianceForm form :
+           {CovarianceForm::kFull, CovarianceForm::kDiagonal, CovarianceForm::kLimitedMemory}) {
+        PrintGenerationTime(dimension, CmaEs::DefaultPopulation(dimension), form);
+      }
+    }
+  }
+  return 0;
 }
 
 }  // namespace
 }  // namespace downpour
 
-int main(int, char** argv) {
-  using namespace downpour;
-  PrepareProcess(argv);
-  std::printf("%-18s %3s %10s %10s %10s   %s\n", "evaluations", "P", "quartile", "median",
-              "quartile", "solved");
-  PrintRow("sphere", Sphere, 10, false);
-  PrintRow("sphere", Sphere, 20, false);
-  PrintRow("ellipsoid", Ellipsoid, 10, false);
-  PrintRow("ellipsoid", Ellipsoid, 20, false);
-  PrintRow("Rosenbrock", Rosenbrock, 10, false);
-  PrintRow("Rosenbrock", Rosenbrock, 20, false);
-  PrintRow("Rastrigin (BIPOP)", Rastrigin, 10, true);
-  PrintGenerationTime(71, 16);
-  PrintGenerationTime(71, 32);
-  return 0;
+int main(int argc, char** argv) {
+  downpour::PrepareProcess(argv);
+  try {
+    return downpour::Main(argc, argv);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "search_bench: %s\n", error.what());
+    return 2;
+  }
 }

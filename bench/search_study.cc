@@ -42,8 +42,10 @@ int Main(int argc, char** argv) {
   auto* const restart_sigma = app.add_option("--restart-sigma", options.restart_sigma);
   auto* const restart_decades = app.add_option("--restart-decades", options.restart_decades);
   app.add_option("--exploration", options.exploration);
-  app.add_option("--restarts", restarts)->check(CLI::IsMember({"small", "bipop"}));
-  app.add_option("--uncertainty", uncertainty)->check(CLI::IsMember({"off", "sigma", "rollouts"}));
+  app.add_option("--restarts", restarts)
+      ->check(CLI::IsMember({"bipop", "small", "ipop", "single"}));
+  app.add_option("--uncertainty", uncertainty)
+      ->check(CLI::IsMember({"off", "sigma", "rollouts", "lra"}));
   app.add_flag("--runs", print_runs, "a line a CMA-ES run");
   CLI11_PARSE(app, argc, argv);
 
@@ -52,9 +54,13 @@ int Main(int argc, char** argv) {
   if (restart_sigma->empty()) options.restart_sigma = task.search_restart_sigma;
   if (restart_decades->empty()) options.restart_decades = task.search_restart_decades;
   options.bound = task.parameter_bound;
-  options.restarts = restarts == "small" ? RestartStrategy::kSmall : RestartStrategy::kBipop;
+  options.restarts = restarts == "bipop"   ? RestartStrategy::kBipop
+                     : restarts == "small" ? RestartStrategy::kSmall
+                     : restarts == "ipop"  ? RestartStrategy::kIpop
+                                           : RestartStrategy::kSingle;
   options.uncertainty = uncertainty == "off"     ? UncertaintyHandling::kOff
                         : uncertainty == "sigma" ? UncertaintyHandling::kSigma
+                        : uncertainty == "lra"   ? UncertaintyHandling::kLra
                                                  : UncertaintyHandling::kRollouts;
   const Dataset data = ReadDataset(task, {&run, 1}, episodes);
   std::vector<QueryFactor> factors;

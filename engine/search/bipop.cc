@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "engine/search/state_archive.h"
+
 namespace downpour {
 namespace {
 
@@ -25,6 +27,7 @@ double RestartScheduler::DrawSmallSigma(double u) const {
 }
 
 RunPlan RestartScheduler::First(double sigma) {
+  small_.under_way += default_population_;
   return {runs_started_++, Regime::kFirst, default_population_, sigma};
 }
 
@@ -32,15 +35,18 @@ RunPlan RestartScheduler::Next(double u_population, double u_sigma) {
   RunPlan run{runs_started_++, Regime::kSmall, default_population_, 0};
   if (strategy_ == RestartStrategy::kSmall) {
     run.sigma = DrawSmallSigma(u_sigma);
-  } else if (small_.evaluations + small_.under_way < large_.evaluations + large_.under_way) {
+  } else if (strategy_ == RestartStrategy::kBipop &&
+             small_.evaluations + small_.under_way < large_.evaluations + large_.under_way) {
     const double ratio = std::max(1.0, 0.5 * large_population_ / default_population_);
     run.population =
         static_cast<int>(default_population_ * std::pow(ratio, u_population * u_population));
     run.sigma = DrawSmallSigma(u_sigma);
   } else {
-    doublings_ = std::min(doublings_ + 1, kMaxDoublings);
-    const std::int64_t doubled = std::int64_t{default_population_} << doublings_;
-    large_population_ = static_cast<int>(std::min<std::int64_t>(doubled, max_population_));
+    if (doublings_ < kMaxDoublings || strategy_ == RestartStrategy::kIpop) {
+      ++doublings_;
+      large_population_ = static_cast<int>(
+          std::min<std::int64_t>(2 * std::int64_t{large_population_}, max_population_));
+    }
     run = {run.run, Regime::kLarge, large_population_, sigma_};
   }
   UsageOf(run).under_way += run.population;
@@ -48,7 +54,7 @@ RunPlan RestartScheduler::Next(double u_population, double u_sigma) {
 }
 
 void RestartScheduler::Add(const RunPlan& run, std::int64_t evaluations) {
-  if (run.regime != Regime::kFirst) UsageOf(run).evaluations += evaluations;
+  UsageOf(run).evaluations += evaluations;
 }
 
 bool RestartScheduler::IsExhausted(const RunPlan& run, std::int64_t evaluations) const {
@@ -56,8 +62,31 @@ bool RestartScheduler::IsExhausted(const RunPlan& run, std::int64_t evaluations)
          large_.under_way == 0 && 2 * evaluations > large_.evaluations;
 }
 
-void RestartScheduler::End(const RunPlan& run) {
-  if (run.regime != Regime::kFirst) UsageOf(run).under_way -= run.population;
+void RestartScheduler::End(const RunPlan& run) { UsageOf(run).under_way -= run.population; }
+
+template <typename Archive>
+void RestartScheduler::Visit(Archive& archive) {
+  archive(runs_started_);
+  archive(doublings_);
+  archive(large_population_);
+  for (Usage* usage : {&large_, &small_}) {
+    archive(usage->evaluations);
+    archive(usage->under_way);
+  }
+}
+
+std::vector<double> RestartScheduler::Save() const {
+  StateWriter writer;
+  RestartScheduler(*this).Visit(writer);
+  return writer.Take();
+}
+
+void RestartScheduler::Restore(std::span<const double> state) {
+  StateReader reader(state, "restarts: a state");
+  RestartScheduler restored = *this;
+  restored.Visit(reader);
+  reader.End();
+  *this = restored;
 }
 
 }  // namespace downpour

@@ -2,13 +2,15 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
+#include <vector>
 
 #include "engine/search/policy_search.h"
 
 namespace downpour {
 
 enum class Regime {
-  kFirst,  // the run the search begins with; belongs to no regime's budget
+  kFirst,  // the run the search begins with; its evaluations count among the small ones
   kLarge,
   kSmall,
 };
@@ -23,10 +25,13 @@ struct RunPlan {
 
 // Decides what each restart is. kBipop is N. Hansen, "Benchmarking a BI-Population CMA-ES on the
 // BBOB-2009 Function Testbed" (GECCO 2009): large runs take lambda_l = 2^i lambda_def (i = 1, 2,
-// ... 9) and sigma; small ones lambda_s = floor(lambda_def (lambda_l / (2 lambda_def))^(U^2)) and
+// ..., 9) and sigma; small ones lambda_s = floor(lambda_def (lambda_l / (2 lambda_def))^(U^2)) and
 // sigma 10^(-decades U'), at most half of the evaluations of all large runs; a small run is next
-// while the small ones have used fewer evaluations than the large ones. kSmall: every restart
-// takes lambda_def and the sigma of a small run.
+// while the small ones have used fewer evaluations than the large ones. The first run counts among
+// the small ones, as in Hansen's own program (pycma). kSmall: every restart
+// takes lambda_def and the sigma of a small run. kIpop is A. Auger and N. Hansen, "A Restart CMA
+// Evolution Strategy With Increasing Population Size" (CEC 2005): every restart doubles lambda and
+// takes sigma. kSingle: there is no run after the first.
 //
 // Several runs may be under way at once. What they have used so far counts, and one more
 // generation of each, so that runs which start together are divided among the regimes too. With
@@ -39,7 +44,9 @@ class RestartScheduler {
 
   // The run that the search begins with, with its own step size.
   RunPlan First(double sigma);
-  // The next run; u_population and u_sigma are the draws U and U' in [0, 1).
+  // Whether there is a run after the first.
+  bool restarts() const { return strategy_ != RestartStrategy::kSingle; }
+  // The next run; u_population and u_sigma are the draws U and U' in [0, 1). Not of kSingle.
   RunPlan Next(double u_population, double u_sigma);
 
   int runs_started() const { return runs_started_; }
@@ -52,6 +59,11 @@ class RestartScheduler {
   // `run` has ended. Once a run.
   void End(const RunPlan& run);
 
+  // All that the future depends on beside the arguments of the constructor, as numbers.
+  std::vector<double> Save() const;
+  // Takes it over, exactly. Throws InvalidInput if `state` is no list that Save wrote.
+  void Restore(std::span<const double> state);
+
  private:
   struct Usage {
     std::int64_t evaluations = 0;
@@ -59,6 +71,8 @@ class RestartScheduler {
   };
   Usage& UsageOf(const RunPlan& run) { return run.regime == Regime::kLarge ? large_ : small_; }
   double DrawSmallSigma(double u) const;
+  template <typename Archive>
+  void Visit(Archive& archive);
 
   RestartStrategy strategy_;
   int default_population_;

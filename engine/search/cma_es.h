@@ -3,11 +3,19 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <limits>
+#include <optional>
 #include <span>
 #include <string_view>
+#include <variant>
 #include <vector>
 
+#include "engine/search/diagonal_covariance.h"
 #include "engine/search/fitness_history.h"
+#include "engine/search/full_covariance.h"
+#include "engine/search/learning_rate.h"
+#include "engine/search/limited_memory.h"
+#include "engine/search/strategy_parameters.h"
 #include "kernels/philox/philox.h"
 
 namespace downpour {
@@ -18,28 +26,50 @@ struct CmaEsTolerances {
   double x = 1e-12;             // TolX: standard deviation of every coordinate / initial sigma
   double x_up = 1e4;            // TolXUp: largest standard deviation of any axis / initial sigma
   double condition_cov = 1e14;  // ConditionCov: condition number of C
+  // MaxEvaluations: costs told, lambda a generation
+  std::int64_t max_evaluations = std::numeric_limits<std::int64_t>::max();
+};
+
+struct CmaEsOptions {
+  CmaEsTolerances tolerances;
+  CovarianceForm covariance = CovarianceForm::kFull;
+  // Learning rates adapt to the signal-to-noise ratio (LRA-CMA-ES, see AdaptiveRate), at the price
+  // of an eigendecomposition a generation. Not with limited memory.
+  bool adapt_rates = false;
 };
 
 // Active CMA-ES, ask and tell, MINIMISING a cost over R^P, after N. Hansen, "The CMA Evolution
-// Strategy: A Tutorial" (2016, arXiv 1604.00772), with its default strategy parameters.
+// Strategy: A Tutorial" (2016, arXiv 1604.00772), with its default strategy parameters. What is
+// adapted beside mean and step size is CmaEsOptions::covariance; see FullCovariance,
+// DiagonalCovariance and LimitedMemory.
 //
 // The candidates of a generation depend only on the key given to Ask and on what was told before.
-// Ask and Tell do not allocate, except that the history of Tell grows; each takes O(P^2 lambda),
-// and every few generations Tell adds the O(P^3) eigendecomposition of C. BLAS runs on the calling
-// thread only. Different objects may be used by different threads at once.
+// Ask and Tell do not allocate, except that the history of Tell grows and that adapted rates take
+// scratch. With the full matrix each takes O(P^2 lambda), and every few generations Tell adds the
+// O(P^3) eigendecomposition of C; the other forms are linear in P. BLAS runs on the calling thread
+// only. Different objects may be used by different threads at once.
 class CmaEs {
  public:
   // Starts at `mean` (P >= 1) with step size `sigma` > 0 and C = I; population lambda >= 2.
-  // Callers check their options; finite input is assumed here.
+  // Callers check their options; finite input is assumed here. Throws InvalidInput if rates shall
+  // adapt with limited memory.
   CmaEs(std::span<const double> mean, double sigma, int population,
-        const CmaEsTolerances& tolerances = {});
+        const CmaEsOptions& options = {});
+
+  // All that the future depends on, as numbers, after any Tell. An object that is restored from
+  // them, with the tolerances of the one that was saved, goes on with the same bits; a population
+  // that had been asked for but not told must be asked for again.
+  std::vector<double> Save() const;
+  // Throws InvalidInput if `state` is no list that Save wrote.
+  static CmaEs Restore(std::span<const double> state, const CmaEsTolerances& tolerances = {});
 
   // lambda = 4 + floor(3 ln P), Eq. 48.
   static int DefaultPopulation(int dimension);
 
   int dimension() const { return dimension_; }
   int population() const { return population_; }
-  int generation() const { return generation_; }  // generations told so far
+  int generation() const { return generation_; }       // generations told so far
+  CovarianceForm covariance() const { return form_; }  // never kAuto
   double sigma() const { return sigma_; }
   std::span<const double> mean() const { return {mean_.data(), static_cast<size_t>(dimension_)}; }
 
@@ -57,53 +87,48 @@ class CmaEs {
   // Multiplies sigma, as uncertainty handling does.
   void ScaleSigma(double factor) { sigma_ *= factor; }
 
-  // The criterion met by the last Tell: TolHistFun, EqualFunValues, TolX, TolXUp, Stagnation,
-  // ConditionCov, NoEffectAxis or NoEffectCoord; empty while the run should go on.
+  // The criterion met by the last Tell: EqualFunValues, TolHistFun, TolX, TolXUp,
+  // ConditionCov, NoEffectAxis, NoEffectCoord, Stagnation or MaxEvaluations, the first in this
+  // order if several are; empty while the run should go on.
   std::string_view stop() const { return stop_; }
 
  private:
-  void SetStrategyParameters();
-  void UpdateCovariance(std::span<const int> ranking, bool h_sigma);
-  void UpdateEigensystem();
+  using Covariance = std::variant<FullCovariance, DiagonalCovariance, LimitedMemory>;
+  struct AdaptiveRates {
+    AdaptiveRate mean, covariance;
+  };
+
+  Covariance MakeCovariance() const;
+  void UpdateDistribution(const CovarianceUpdate& update);
+  double StepSizeFactor() const;
   std::string_view FindStop();
   bool HasNoEffectAxis() const;
   bool HasNoEffectCoord() const;
   bool IsBelowTolX() const;
+  template <typename Archive>
+  void Visit(Archive& archive);
 
   int dimension_;
   int population_;
   CmaEsTolerances tolerances_;
+  CovarianceForm form_;
+  StrategyParameters parameters_;
   double initial_sigma_;
-
-  // Strategy parameters, Eq. 49-58.
-  int parents_;              // mu
-  Eigen::VectorXd weights_;  // (lambda) w_i, the first mu positive, the others <= 0
-  double mu_eff_, c_sigma_, d_sigma_, c_c_, c_1_, c_mu_;
-  double expected_norm_;  // E||N(0, I)||
-  int eigen_interval_;    // generations between eigendecompositions
 
   // State.
   int generation_ = 0;
-  int eigen_generation_ = 0;
   double sigma_;
-  double condition_ = 1;
   std::string_view stop_;
   Eigen::VectorXd mean_, path_sigma_, path_c_;
-  Eigen::MatrixXd covariance_;  // C, lower triangle
-  Eigen::MatrixXd axes_;        // B, columns are eigenvectors of C as of eigen_generation_
-  Eigen::VectorXd lengths_;     // D, square roots of the eigenvalues
-  Eigen::MatrixXd root_;        // C^(1/2) = B D B^T, lower triangle
+  Covariance covariance_;
+  std::optional<AdaptiveRates> rates_;
   FitnessHistory history_;
 
   // Scratch.
-  Eigen::MatrixXd z_, y_;        // (P x lambda) N(0, I) and N(0, C) samples of this generation
-  Eigen::MatrixXd selected_;     // (P x (lambda + 1)) weighted steps of the covariance update
-  Eigen::MatrixXd scaled_axes_;  // B D^(1/2)
+  Eigen::MatrixXd z_, y_;  // (P x lambda) N(0, I) and N(0, C) samples of this generation
   Eigen::VectorXd step_, step_z_;
   std::vector<double> costs_;
   std::vector<int> ranking_;
-  std::vector<double> work_;
-  std::vector<int> integer_work_;
 };
 
 }  // namespace downpour

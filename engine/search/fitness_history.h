@@ -26,6 +26,13 @@ class FitnessHistory {
   // newest 30 % is better than that of the oldest 30 %.
   bool IsStagnant();
 
+  template <typename Archive>
+  void Visit(Archive& archive) {
+    archive(best_);
+    archive(median_);
+    archive(last_worst_);
+  }
+
  private:
   int short_window_;
   int long_window_;

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -62,7 +63,7 @@ class PolicySearch {
 
  private:
   SearchRun NewRun();
-  SearchRun NextRun();
+  std::optional<SearchRun> NextRun();
   std::int64_t ComparisonReserve() const;
   void SummariseGeneration();
   void EndStoppedRuns();
@@ -118,7 +119,8 @@ PolicySearch::PolicySearch(const PolicySearchOptions& options, std::span<const d
           options.evaluations / (kComparisonShare * (kFinalists + 1)), 1, options.final_rollouts))),
       promotion_rollouts_(std::min(kPromotionRollouts, final_rollouts_)),
       n_slots_(static_cast<int>(std::clamp<std::int64_t>(
-          AffordableCandidates(options) / population_, 1, options.concurrent))),
+          AffordableCandidates(options) / population_, 1,
+          options.restarts == RestartStrategy::kSingle ? 1 : options.concurrent))),
       scheduler_(options.restarts, population_,
                  static_cast<int>(std::min<std::int64_t>(AffordableCandidates(options) / n_slots_,
                                                          std::numeric_limits<int>::max())),
@@ -150,14 +152,16 @@ SearchRun PolicySearch::NewRun() {
 }
 
 // What takes a free slot: while exploring a new run, later the best open one that has not gone on
-// yet, if any is left.
-SearchRun PolicySearch::NextRun() {
+// yet, if any is left. Nothing if there are no restarts.
+std::optional<SearchRun> PolicySearch::NextRun() {
   auto best = finished_.end();
   for (auto run = finished_.begin(); promotions_ > 0 && run != finished_.end(); ++run) {
     if (!run->open) continue;
     if (best == finished_.end() || run->record.mean_return > best->record.mean_return) best = run;
   }
-  if (best == finished_.end()) return NewRun();
+  if (best == finished_.end()) {
+    return scheduler_.restarts() ? std::optional(NewRun()) : std::nullopt;
+  }
   SearchRun run = std::move(best->run);
   finished_.erase(best);
   run.Promote(promoted_rollouts_);
@@ -174,6 +178,7 @@ std::int64_t PolicySearch::ComparisonReserve() const {
 }
 
 bool PolicySearch::PlanGeneration(double share) {
+  if (runs_.empty()) return false;
   batch_.n_candidates = batch_.n_returns = 0;
   for (SearchRun& run : runs_) run.Plan(&batch_);
   const auto batch_size = static_cast<std::int64_t>(batch_.n_returns);
@@ -228,7 +233,12 @@ void PolicySearch::EndStoppedRuns() {
     }
     if (stop.empty()) continue;
     EndRun(std::move(run), std::move(stop));
-    run = NextRun();
+    if (std::optional<SearchRun> next = NextRun()) {
+      run = *std::move(next);
+    } else {
+      runs_.clear();  // it was the only one
+      return;
+    }
   }
 }
 
@@ -301,7 +311,9 @@ void PolicySearch::Promote(int n_runs, int rollouts) {
   const auto n_open = std::count_if(finished_.begin(), finished_.end(),
                                     [](const FinishedRun& run) { return run.open; });
   if (n_open > n_runs) CompareOpenRuns();
-  for (int i = 0; i < n_runs; ++i) runs_.push_back(NextRun());
+  for (int i = 0; i < n_runs; ++i) {
+    if (std::optional<SearchRun> next = NextRun()) runs_.push_back(*std::move(next));
+  }
 }
 
 PolicySearchResult PolicySearch::Finish() {

@@ -8,20 +8,27 @@
 #include <string>
 #include <vector>
 
+#include "engine/search/strategy_parameters.h"
 #include "kernels/philox/philox.h"
 
 namespace downpour {
 
 enum class RestartStrategy {
-  kBipop,  // Hansen 2009: a regime of doubling populations beside one of small ones
-  kSmall,  // every restart small: lambda stays, sigma is drawn log-uniformly
+  kBipop,   // Hansen 2009: a regime of doubling populations beside one of small ones
+  kSmall,   // every restart small: lambda stays, sigma is drawn log-uniformly
+  kIpop,    // Auger and Hansen 2005: every restart doubles lambda
+  kSingle,  // one run, which `concurrent` does not change
 };
 
-// What to do when re-evaluation shows that noise scrambles the ranking (Hansen et al. 2009).
+// What to do about noise: kSigma and kRollouts when re-evaluation shows that it scrambles the
+// ranking (Hansen et al. 2009).
 enum class UncertaintyHandling {
   kOff,
   kSigma,     // widen the step size, as Black-DROPS does
   kRollouts,  // raise the number of rollouts a candidate
+  // Nothing is re-evaluated: learning rates adapt to the noise (LRA-CMA-ES). Not with limited
+  // memory.
+  kLra,
 };
 
 struct PolicySearchOptions {
@@ -43,6 +50,7 @@ struct PolicySearchOptions {
   int threads = 1;  // OpenMP threads that update the runs, no matter for the result; >= 1
   RestartStrategy restarts = RestartStrategy::kSmall;
   UncertaintyHandling uncertainty = UncertaintyHandling::kOff;
+  CovarianceForm covariance = CovarianceForm::kAuto;  // what CMA-ES adapts beside mean and sigma
 };
 
 // Evaluates a batch: parameters are rows of `parameters` (n_candidates x P, row-major, within the

@@ -47,6 +47,12 @@ void CheckPolicySearchOptions(const PolicySearchOptions& options, std::span<cons
   CheckRange("exploration", options.exploration, 0.1, 1.0, "[0.1, 1]");
   CheckRange("final_rollouts", options.final_rollouts, 1, 1'000'000, "[1, 1e6]");
   CheckRange("threads", options.threads, 1, 1 << 20, "[1, 1048576]");
+  if (options.uncertainty == UncertaintyHandling::kLra &&
+      ResolveForm(options.covariance, static_cast<int>(start.size())) ==
+          CovarianceForm::kLimitedMemory) {
+    Refuse("uncertainty", "lra",
+           "off, sigma or rollouts where search.covariance is limited-memory");
+  }
   CheckPositive("bound", options.bound);
   CheckPositive("first_sigma", options.first_sigma);
   CheckPositive("restart_sigma", options.restart_sigma);

@@ -48,7 +48,8 @@ SearchRun::SearchRun(const PolicySearchOptions& options, const RunPlan& plan,
       max_rollouts_(options.max_rollouts),
       box_(-options.bound, options.bound),
       cma_(FromBox(box_, std::move(mean)), plan.sigma, plan.population,
-           Tolerances(options.bound, plan.sigma)),
+           {Tolerances(options.bound, plan.sigma), options.covariance,
+            options.uncertainty == UncertaintyHandling::kLra}),
       measure_(plan.population),
       seed_(seed),
       episode_(episode),
@@ -73,7 +74,8 @@ void SearchRun::Promote(int min_rollouts) {
 
 void SearchRun::Plan(SearchBatch* batch) {
   n_rollouts_ = static_cast<std::size_t>(std::lround(rollouts_));
-  if (uncertainty_ != UncertaintyHandling::kOff) {
+  if (uncertainty_ == UncertaintyHandling::kSigma ||
+      uncertainty_ == UncertaintyHandling::kRollouts) {
     double draw;
     FillUniforms(DeriveKey(seed_, StreamPurpose::kReevaluation,
                            {episode_, static_cast<std::uint32_t>(plan_.run),

@@ -3,6 +3,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <utility>
@@ -30,7 +31,7 @@ TEST_CASE("bipop: one run at a time is BIPOP as published") {
   scheduler.Add(first, 12345);
   scheduler.End(first);
 
-  std::int64_t large = 0, small = 0;
+  std::int64_t large = 0, small = 12345;
   int newest_large = kLambda;
   for (std::uint32_t run = 1; run < 400; ++run) {
     const auto [u, v] = Draws(run);
@@ -82,7 +83,7 @@ TEST_CASE("bipop: small populations are drawn as the published power") {
 TEST_CASE("bipop: runs that start together are divided among the regimes") {
   RestartScheduler scheduler(RestartStrategy::kBipop, kLambda, 1 << 20, 1, 1);
   scheduler.First(1);
-  int large = 0, small = 0, n_large = 0;
+  int large = 0, small = kLambda, n_large = 0;
   for (std::uint32_t run = 1; run < 32; ++run) {
     const auto [u, v] = Draws(run);
     const RunPlan plan = scheduler.Next(u, v);
@@ -116,6 +117,28 @@ TEST_CASE("bipop: the population never exceeds its limit") {
     scheduler.Add(plan, 100);
     scheduler.End(plan);
   }
+}
+
+TEST_CASE("bipop: IPOP doubles the population of every restart, up to its limit") {
+  RestartScheduler scheduler(RestartStrategy::kIpop, kLambda, kLambda << 12, 2, 2);
+  CHECK(scheduler.First(0.5).population == kLambda);
+  for (int run = 1; run < 16; ++run) {
+    const RunPlan plan = scheduler.Next(0.5, 0.5);
+    CHECK(plan.regime == Regime::kLarge);
+    CHECK(plan.population == kLambda << std::min(run, 12));
+    CHECK(plan.sigma == 2);
+    scheduler.Add(plan, 1000);
+    CHECK_FALSE(scheduler.IsExhausted(plan, 1000));
+    scheduler.End(plan);
+  }
+}
+
+TEST_CASE("bipop: only the single strategy has no restarts") {
+  for (const RestartStrategy strategy :
+       {RestartStrategy::kBipop, RestartStrategy::kSmall, RestartStrategy::kIpop}) {
+    CHECK(RestartScheduler(strategy, kLambda, 100, 1, 1).restarts());
+  }
+  CHECK_FALSE(RestartScheduler(RestartStrategy::kSingle, kLambda, 100, 1, 1).restarts());
 }
 
 TEST_CASE("bipop: the small strategy keeps the population and draws sigma log-uniformly") {

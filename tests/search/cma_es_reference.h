@@ -10,20 +10,26 @@
 namespace downpour {
 
 // Active CMA-ES in long double, written line by line from the tutorial (arXiv 1604.00772) with
-// C^(-1/2) formed. It takes the steps y_k = (x_k - m) / sigma of given candidates.
+// C^(-1/2) formed; `diagonal` by Ros and Hansen 2008, `adapts` the rates by Nomura, Akimoto and Ono
+// (arXiv 2304.03473). It takes the steps y_k = (x_k - m) / sigma of given candidates.
 class CmaEsReference {
  public:
   using Vector = Eigen::Matrix<long double, Eigen::Dynamic, 1>;
   using Matrix = Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>;
 
-  CmaEsReference(const Vector& mean, long double initial_sigma, int lambda)
+  CmaEsReference(const Vector& mean, long double initial_sigma, int lambda,
+                 bool diagonal_only = false, bool adapts_rates = false)
       : m(mean),
         sigma(initial_sigma),
         C(Matrix::Identity(mean.size(), mean.size())),
         decomposed_C(C),
         p_sigma(Vector::Zero(mean.size())),
         p_c(Vector::Zero(mean.size())),
-        weights(lambda) {
+        diagonal(diagonal_only),
+        adapts(adapts_rates),
+        weights(lambda),
+        E_m(Vector::Zero(mean.size())),
+        E_Sigma(Vector::Zero(mean.size() * mean.size())) {
     const long double n = m.size();
     mu = lambda / 2;
     long double sum = 0, squares = 0, negative_sum = 0, negative_squares = 0;
@@ -37,6 +43,7 @@ class CmaEsReference {
     const long double mu_eff_minus = negative_sum * negative_sum / negative_squares;
     c_1 = 2 / (std::pow(n + 1.3L, 2) + mu_eff);
     c_mu = std::min(1 - c_1, 2 * (mu_eff - 2 + 1 / mu_eff) / (std::pow(n + 2, 2) + mu_eff));
+    if (diagonal) c_1 *= (n + 2) / 3, c_mu = std::min(1 - c_1, c_mu * (n + 2) / 3);
     const long double scale =
         std::min(std::min(1 + c_1 / c_mu, 1 + 2 * mu_eff_minus / (mu_eff + 2)),
                  (1 - c_1 - c_mu) / (n * c_mu));
@@ -58,6 +65,9 @@ class CmaEsReference {
     std::sort(order.begin(), order.end(), [&](int a, int b) { return costs[a] < costs[b]; });
     Vector y_w = Vector::Zero(m.size());
     for (int i = 0; i < mu; ++i) y_w += weights[i] * y[order[i]];
+    const Vector old_m = m;
+    const long double old_sigma = sigma;
+    const Matrix old_C = C;
     m += sigma * y_w;
     const long double c_sigma = (mu_eff + 2) / (n + mu_eff + 5);
     const long double d_sigma =
@@ -82,11 +92,13 @@ class CmaEsReference {
           weights[i] >= 0 ? weights[i] : weights[i] * n / (inverse_root * step).squaredNorm();
       next += c_mu * w * step * step.transpose();
     }
+    if (diagonal) next = Vector(next.diagonal()).asDiagonal();
     C = next;
     const int interval = static_cast<int>(2 / (n * (c_1 + c_mu)));
     sigma *= std::exp(c_sigma / d_sigma * (norm / chi - 1));
+    if (adapts) AdaptRates(old_m, old_sigma, old_C, inverse_root);
     ++g;
-    if (g % std::max(1, interval) == 0) decomposed_C = C;
+    if (g % std::max(1, interval) == 0 || diagonal || adapts) decomposed_C = C;
   }
 
   Vector m;
@@ -95,9 +107,38 @@ class CmaEsReference {
   Vector p_sigma, p_c;
 
  private:
+  static long double Rate(const Vector& delta, long double beta, Vector* E, long double* V,
+                          long double* eta) {
+    *E = (1 - beta) * *E + beta * delta;
+    *V = (1 - beta) * *V + beta * delta.squaredNorm();
+    const long double snr = (E->squaredNorm() - beta / (2 - beta) * *V) / (*V - E->squaredNorm());
+    const long double change = std::min(1.0L, std::max(-1.0L, snr / (1.4L * *eta) - 1));
+    *eta *= std::exp(std::min(0.1L * *eta, beta) * change);
+    return *eta = std::min(1.0L, *eta);
+  }
+
+  void AdaptRates(const Vector& old_m, long double old_sigma, const Matrix& old_C,
+                  const Matrix& inverse_root) {
+    const Matrix whitening = inverse_root / old_sigma;
+    const Matrix old_Sigma = old_sigma * old_sigma * old_C;
+    const Matrix d_Sigma = sigma * sigma * C - old_Sigma;
+    const Vector d_m = m - old_m;
+    const Matrix local = whitening * d_Sigma * whitening / std::sqrt(2.0L);
+    const long double old_eta = eta_m;
+    m = old_m + Rate(whitening * d_m, 0.1L, &E_m, &V_m, &eta_m) * d_m;
+    const Vector flat = Eigen::Map<const Vector>(local.data(), local.size());
+    const Matrix Sigma = old_Sigma + Rate(flat, 0.03L, &E_Sigma, &V_Sigma, &eta_Sigma) * d_Sigma;
+    sigma = std::pow(Sigma.determinant(), 1 / (2.0L * m.size()));
+    C = Sigma / (sigma * sigma);
+    sigma *= old_eta / eta_m;
+  }
+
+  bool diagonal, adapts;
   std::vector<long double> weights;
   int mu = 0, g = 0;
   long double mu_eff = 0, c_1 = 0, c_mu = 0;
+  Vector E_m, E_Sigma;
+  long double V_m = 0, V_Sigma = 0, eta_m = 1, eta_Sigma = 1;
 };
 
 }  // namespace downpour

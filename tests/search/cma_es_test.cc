@@ -50,21 +50,33 @@ double MedianEvaluations(const TestFunction& function, int dimension) {
 
 std::string RunToStop(const TestFunction& function, const std::vector<double>& mean, double sigma,
                       const CmaEsTolerances& tolerances) {
-  CmaEs cma(mean, sigma, 8, tolerances);
+  CmaEs cma(mean, sigma, 8, {.tolerances = tolerances});
   while (cma.stop().empty() && cma.generation() < 20000) Step(cma, function, 7);
   return std::string(cma.stop());
 }
 
 // 1e-3 is so small a step that h_sigma stalls the path of the covariance matrix.
-TEST_CASE("cma_es: twenty generations agree with the tutorial in long double") {
-  for (const double sigma : {0.7, 1e-3}) {
+TEST_CASE("cma_es: twenty generations agree with the papers in long double") {
+  struct Case {
+    double sigma;
+    CovarianceForm form;
+    bool adapts;
+  };
+  for (const auto [sigma, form, adapts] : {Case{0.7, CovarianceForm::kFull, false},
+                                           {1e-3, CovarianceForm::kFull, false},
+                                           {0.7, CovarianceForm::kDiagonal, false},
+                                           {1e-3, CovarianceForm::kDiagonal, false},
+                                           {0.7, CovarianceForm::kFull, true},
+                                           {0.7, CovarianceForm::kDiagonal, true}}) {
     constexpr int kP = 5, kLambda = 8;
     std::vector<double> mean = {1, -2, 0.5, 3, -1};
-    CmaEs cma(mean, sigma, kLambda);
+    CmaEs cma(mean, sigma, kLambda, {.covariance = form, .adapt_rates = adapts});
     CmaEsReference reference(Eigen::Map<const Eigen::VectorXd>(mean.data(), kP).cast<long double>(),
-                             sigma, kLambda);
+                             sigma, kLambda, form == CovarianceForm::kDiagonal, adapts);
     std::vector<double> x(kP * kLambda), costs(kLambda);
     for (int generation = 0; generation < 20; ++generation) {
+      INFO("sigma ", sigma, ", form ", static_cast<int>(form), ", adapts ", adapts, ", generation ",
+           generation);
       const StreamKey key = SamplingKey(3, generation);
       cma.Ask(key, x);
       const auto root = reference.Root(0.5L);

@@ -82,7 +82,8 @@ TEST_CASE("policy_search: a selection between runs spends any budget and no more
 }
 
 TEST_CASE("policy_search: where runs converge early, others take the rest of the budget") {
-  for (const RestartStrategy restarts : {RestartStrategy::kBipop, RestartStrategy::kSmall}) {
+  for (const RestartStrategy restarts :
+       {RestartStrategy::kBipop, RestartStrategy::kSmall, RestartStrategy::kIpop}) {
     for (const int concurrent : {1, 4, 8}) {
       PolicySearchOptions options = SmallOptions();
       options.restarts = restarts;
@@ -94,6 +95,22 @@ TEST_CASE("policy_search: where runs converge early, others take the rest of the
       CHECK(used > 0.9 * static_cast<double>(options.evaluations));
       CHECK(Hill(result.parameters) > 39.99);
     }
+  }
+}
+
+TEST_CASE("policy_search: a single run is followed by no other") {
+  for (const double exploration : {0.5, 1.0}) {
+    PolicySearchOptions options = SmallOptions();
+    options.restarts = RestartStrategy::kSingle;
+    options.exploration = exploration;
+    options.evaluations = 100000;
+    std::int64_t used = 0;
+    const PolicySearchResult result = Search(options, Noisy(Hill, 0, &used));
+    REQUIRE(result.runs.size() == 1);
+    CHECK(result.runs[0].run == 0);
+    CHECK(result.evaluations == used);
+    CHECK(used < options.evaluations / 2);  // it has converged long before
+    CHECK(Hill(result.parameters) > 39.99);
   }
 }
 

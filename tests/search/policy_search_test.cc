@@ -30,7 +30,8 @@ PolicySearchOptions EqualOptions() {
 }
 
 TEST_CASE("policy_search: finds the optimum of a noisy function") {
-  for (const RestartStrategy restarts : {RestartStrategy::kBipop, RestartStrategy::kSmall}) {
+  for (const RestartStrategy restarts : {RestartStrategy::kBipop, RestartStrategy::kSmall,
+                                         RestartStrategy::kIpop, RestartStrategy::kSingle}) {
     for (const UncertaintyHandling uncertainty :
          {UncertaintyHandling::kOff, UncertaintyHandling::kSigma, UncertaintyHandling::kRollouts}) {
       PolicySearchOptions options = SmallOptions();

@@ -128,8 +128,9 @@ def config_files():
                           ("rollouts = 0", "an integer in [1, 10000]"),
                           ("rollouts = '5'", "an integer in [1, 10000]"),
                           ("rollouts = 1979-05-27", "an integer in [1, 10000]"),
-                          ("restarts = 'ipop'", "one of bipop, small"),
-                          ("uncertainty = 1", "one of off, sigma, rollouts")]:
+                          ("restarts = 'none'", "one of bipop, small, ipop, single"),
+                          ("uncertainty = 1", "one of off, sigma, rollouts, lra"),
+                          ("covariance = 'none'", "one of auto, full, diagonal, limited-memory")]:
         refuse_text(f"TOML: {line}", f"[search]\n{line}\n", ":2: ", f"search.{line}: must be ",
                     allowed)
     refuse_text("a file of another task", "task = 'cartpole'\n", "TASK: task = pendulum: must be ",

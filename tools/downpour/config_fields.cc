@@ -174,13 +174,22 @@ std::vector<Field> SearchFields(PolicySearchOptions& search) {
       {.key = "search.restarts",
        .option = "",
        .target = &search.restarts,
-       .choices = {"bipop", "small"},
-       .description = "bipop: doubling populations beside small ones; small: all of one size."},
+       .choices = {"bipop", "small", "ipop", "single"},
+       .description =
+           "bipop: doubling populations beside small ones; small: all of one size; ipop: "
+           "each twice the last; single: none."},
       {.key = "search.uncertainty",
        .option = "",
        .target = &search.uncertainty,
-       .choices = {"off", "sigma", "rollouts"},
-       .description = "What to raise when noise scrambles the ranking of the candidates."},
+       .choices = {"off", "sigma", "rollouts", "lra"},
+       .description = "What to raise when noise scrambles the ranking of the candidates; lra: "
+                      "learning rates adapt instead."},
+      {.key = "search.covariance",
+       .option = "",
+       .target = &search.covariance,
+       .choices = {"auto", "full", "diagonal", "limited-memory"},
+       .description = "What CMA-ES adapts; auto: full up to 200 policy parameters, limited-memory "
+                      "above."},
   };
 }
 

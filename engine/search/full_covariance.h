@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "engine/search/learning_rate.h"
+#include "engine/search/strategy_parameters.h"
+
+namespace downpour {
+
+// The whole covariance matrix C of CMA-ES (Hansen, arXiv 1604.00772). C is decomposed when it has
+// changed enough, in every generation if rates are adapted. 5 P^2 numbers. Not thread-safe.
+class FullCovariance {
+ public:
+  FullCovariance(const StrategyParameters& parameters, int dimension, int population);
+
+  // y = C^(1/2) z for every column.
+  void Transform(const Eigen::MatrixXd& z, Eigen::MatrixXd* y) const;
+  void Update(const CovarianceUpdate& update);
+  // As much of the update of Sigma = sigma^2 C, where *sigma is the new step size and old_sigma the
+  // one before, as `rate` allows; splits the outcome into C of determinant 1 and *sigma.
+  void AdaptedUpdate(const CovarianceUpdate& update, double old_sigma, double* sigma,
+                     AdaptiveRate* rate);
+  // Numbers that `rate` above averages.
+  static Eigen::Index ChangeSize(int dimension) { return Eigen::Index{dimension} * dimension; }
+
+  double CoordinateStd(int i) const { return std::sqrt(covariance_(i, i)); }
+  double LargestStd() const { return lengths_.maxCoeff(); }
+  double condition() const { return condition_; }
+  // Coordinate i of principal axis `axis`, one standard deviation long.
+  double AxisComponent(int axis, int i) const { return lengths_[axis] * axes_(i, axis); }
+
+  template <typename Archive>
+  void Visit(Archive& archive) {
+    archive(eigen_generation_);
+    archive(condition_);
+    archive(covariance_);
+    archive(axes_);
+    archive(lengths_);
+    archive(root_);
+  }
+
+ private:
+  void Decompose();
+  // matrix = decay matrix + sum w y y^T + c_1 path path^T over the columns `steps`, lower triangle.
+  void AddSteps(const CovarianceUpdate& update, const Eigen::MatrixXd& steps,
+                const Eigen::VectorXd& path, Eigen::MatrixXd* matrix);
+
+  int dimension_, population_;
+  int interval_;  // generations between eigendecompositions
+  int eigen_generation_ = 0;
+  double condition_ = 1;
+  Eigen::MatrixXd covariance_;  // C, lower triangle
+  Eigen::MatrixXd axes_;        // B, columns are eigenvectors of C as of eigen_generation_
+  Eigen::VectorXd lengths_;     // D, square roots of the eigenvalues
+  Eigen::MatrixXd root_;        // C^(1/2) = B D B^T, lower triangle
+  // Scratch.
+  Eigen::MatrixXd selected_;     // (P x (lambda + 1)) weighted steps of the update
+  Eigen::MatrixXd scaled_axes_;  // B D^(1/2)
+  std::vector<double> work_;
+  std::vector<int> integer_work_;
+};
+
+}  // namespace downpour
