@@ -11,8 +11,10 @@
 #include <exception>
 #include <limits>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "engine/errors.h"
 #include "engine/gp/process_settings.h"
 #include "engine/search/minimise.h"
 #include "engine/search/search_run.h"
@@ -258,6 +260,44 @@ void PrintGenerationTime(int dimension, int population, CovarianceForm form) {
               1e6 * best_tell);
 }
 
+bool Wants(const Settings& settings, const char* table) {
+  return std::find(settings.tables.begin(), settings.tables.end(), table) != settings.tables.end();
+}
+
+// Of the tables that list functions.
+std::vector<Row> SelectRows(const Settings& settings) {
+  std::vector<Row> rows;
+  for (const auto& [table, table_rows] : {std::pair("evaluations", EvaluationRows()),
+                                          {"large", LargeRows()},
+                                          {"budget", BudgetRows()}}) {
+    if (Wants(settings, table)) rows.insert(rows.end(), table_rows.begin(), table_rows.end());
+  }
+  if (settings.functions.empty()) return rows;
+  const auto begins = [](const Row& row, const std::string& name) {
+    return row.name.starts_with(name);
+  };
+  for (const std::string& name : settings.functions) {
+    if (std::none_of(rows.begin(), rows.end(), [&](const Row& r) { return begins(r, name); })) {
+      throw InvalidInput("--functions = " + name + ": must begin the name of a row, e.g. sphere");
+    }
+  }
+  std::erase_if(rows, [&](const Row& row) {
+    return std::none_of(settings.functions.begin(), settings.functions.end(),
+                        [&](const std::string& name) { return begins(row, name); });
+  });
+  return rows;
+}
+
+void PrintTimes() {
+  for (const int population : {16, 32}) PrintGenerationTime(71, population, CovarianceForm::kFull);
+  for (const int dimension : {100, 250, 500, 1000}) {
+    for (const CovarianceForm form :
+         {CovarianceForm::kFull, CovarianceForm::kDiagonal, CovarianceForm::kLimitedMemory}) {
+      PrintGenerationTime(dimension, CmaEs::DefaultPopulation(dimension), form);
+    }
+  }
+}
+
 int Main(int argc, char** argv) {
   Settings settings;
   const std::vector<std::string> tables = {"evaluations", "large", "budget", "noise", "time"};
@@ -280,46 +320,14 @@ int Main(int argc, char** argv) {
     return app.exit(help);
   }
 
-  const auto wants = [&](const char* table) {
-    return std::find(settings.tables.begin(), settings.tables.end(), table) !=
-           settings.tables.end();
-  };
-  std::vector<Row> rows;
-  if (wants("evaluations")) rows = EvaluationRows();
-  if (wants("large")) {
-    for (const Row& row : LargeRows()) rows.push_back(row);
-  }
-  if (wants("budget")) {
-    for (const Row& row : BudgetRows()) rows.push_back(row);
-  }
-  for (const std::string& name : settings.functions) {
-    if (std::none_of(rows.begin(), rows.end(),
-                     [&](const Row& row) { return row.name.starts_with(name); })) {
-      throw CLI::ValidationError("--functions", name + ": no row of these tables begins so");
-    }
-  }
+  const std::vector<Row> rows = SelectRows(settings);
   if (!rows.empty()) {
     std::printf("%-28s %5s %9s %9s %9s   %6s %9s %8s\n", "evaluations to 1e-8", "P", "quartile",
                 "median", "quartile", "solved", "best cost", "s a seed");
   }
-  for (const Row& row : rows) {
-    if (settings.functions.empty() ||
-        std::any_of(settings.functions.begin(), settings.functions.end(),
-                    [&](const std::string& name) { return row.name.starts_with(name); })) {
-      PrintRow(row, settings);
-    }
-  }
-  if (wants("noise")) PrintNoise(settings);
-  if (wants("time")) {
-    for (const int population : {16, 32})
-      PrintGenerationTime(71, population, CovarianceForm::kFull);
-    for (const int dimension : {100, 250, 500, 1000}) {
-      for (const CovarianceForm form :
-           {CovarianceForm::kFull, CovarianceForm::kDiagonal, CovarianceForm::kLimitedMemory}) {
-        PrintGenerationTime(dimension, CmaEs::DefaultPopulation(dimension), form);
-      }
-    }
-  }
+  for (const Row& row : rows) PrintRow(row, settings);
+  if (Wants(settings, "noise")) PrintNoise(settings);
+  if (Wants(settings, "time")) PrintTimes();
   return 0;
 }
 
