@@ -57,9 +57,9 @@ CmaEs::CmaEs(std::span<const double> mean, double sigma, int population,
         if constexpr (std::is_same_v<Form, LimitedMemory>) {
           throw InvalidInput("CMA-ES: rates adapt with a full or diagonal covariance only");
         } else {
-          rates_.emplace(
+          rates_ = AdaptiveRates{
               AdaptiveRate(dimension_, AdaptiveRate::kMeanDecay),
-              AdaptiveRate(Form::ChangeSize(dimension_), AdaptiveRate::kCovarianceDecay));
+              AdaptiveRate(Form::ChangeSize(dimension_), AdaptiveRate::kCovarianceDecay)};
         }
       },
       covariance_);

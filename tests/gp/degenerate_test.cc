@@ -72,7 +72,9 @@ std::vector<QueryFactor> AllFactors(const ExactGp& exact) {
 }
 
 TEST_CASE("degenerate models: no factor gives a negative variance or NaN, near or far") {
-  for (const auto& [name, x] : DegenerateInputs()) {
+  for (const auto& inputs : DegenerateInputs()) {
+    const auto& name = inputs.first;
+    const auto& x = inputs.second;
     for (const double noise : {0.1, kLeastNoise, 1e-12}) {
       CAPTURE(name);
       CAPTURE(noise);
@@ -91,7 +93,9 @@ TEST_CASE("degenerate models: no factor gives a negative variance or NaN, near o
 }
 
 TEST_CASE("degenerate models: what is learnt from them is sound, and so is its plan") {
-  for (const auto& [name, x] : DegenerateInputs()) {
+  for (const auto& inputs : DegenerateInputs()) {
+    const auto& name = inputs.first;
+    const auto& x = inputs.second;
     Eigen::MatrixXd targets(x.rows(), 3);
     // A constant zero drives sigma_n to its lower bound.
     targets << x.col(0).array().sin() + 0.3 * x.col(1).array(), Eigen::VectorXd::Zero(x.rows()),

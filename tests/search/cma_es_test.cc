@@ -62,12 +62,15 @@ TEST_CASE("cma_es: twenty generations agree with the papers in long double") {
     CovarianceForm form;
     bool adapts;
   };
-  for (const auto [sigma, form, adapts] : {Case{0.7, CovarianceForm::kFull, false},
-                                           {1e-3, CovarianceForm::kFull, false},
-                                           {0.7, CovarianceForm::kDiagonal, false},
-                                           {1e-3, CovarianceForm::kDiagonal, false},
-                                           {0.7, CovarianceForm::kFull, true},
-                                           {0.7, CovarianceForm::kDiagonal, true}}) {
+  for (const Case& c : {Case{0.7, CovarianceForm::kFull, false},
+                        {1e-3, CovarianceForm::kFull, false},
+                        {0.7, CovarianceForm::kDiagonal, false},
+                        {1e-3, CovarianceForm::kDiagonal, false},
+                        {0.7, CovarianceForm::kFull, true},
+                        {0.7, CovarianceForm::kDiagonal, true}}) {
+    const double sigma = c.sigma;
+    const CovarianceForm form = c.form;
+    const bool adapts = c.adapts;
     constexpr int kP = 5, kLambda = 8;
     std::vector<double> mean = {1, -2, 0.5, 3, -1};
     CmaEs cma(mean, sigma, kLambda, {.covariance = form, .adapt_rates = adapts});
