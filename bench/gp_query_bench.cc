@@ -306,7 +306,7 @@ void RegisterAll() {
                                  "/" + std::to_string(lanes);
         benchmark::RegisterBenchmark(name.c_str(), run)->MinTime(0.05)->UseRealTime();
       };
-      for (const int lanes : {1, 8, 24, 48}) {
+      for (const int lanes : {1, 8, 16, 24, 40, 48}) {
         add("tile_fp64", lanes, [=](auto& s) { Tile<double>(s, n, dim, lanes, true); });
         add("tile_fp32", lanes, [=](auto& s) { Tile<float>(s, n, dim, lanes, true); });
       }

@@ -28,11 +28,11 @@ HWY_INLINE void SquaredDistances(int run_time_dim, const T* HWY_RESTRICT input,
   using V = hn::Vec<decltype(d)>;
   const size_t lanes = hn::Lanes(d);
   const int dim = kDim > 0 ? kDim : run_time_dim;
-  for (int i = 0; i < kRowBlock; ++i, input += dim, out += kWidth * lanes) {
+  for (int i = 0; i < kRowBlock; ++i, out += kWidth * lanes) {
     V s[kWidth];
     for (V& sum : s) sum = hn::Zero(d);
     for (int k = 0; k < dim; ++k) {
-      const V c = hn::Set(d, input[k]);
+      const V c = hn::Set(d, input[k * kRowBlock + i]);
       for (int v = 0; v < kWidth; ++v) {
         const V t = hn::Sub(hn::Load(d, queries + (k * kWidth + v) * lanes), c);
         s[v] = hn::MulAdd(t, t, s[v]);
@@ -75,7 +75,7 @@ HWY_NOINLINE void CovariancesAndMeanOfDim(const GpFactorT<T>& f, const T* HWY_RE
     if (!f.deflation.empty()) {
       const T* const rows = f.deflation.data() + static_cast<std::size_t>(first) * kRowBlock;
       if (first == 0) {
-        SolveFirst<kWidth>(rows, e);
+        SolveFirst<kWidth>(d, rows, e);
       } else {
         SubtractExplained<kWidth>(rows, covariances, e);
       }

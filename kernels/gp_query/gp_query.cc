@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "kernels/gp_query/gp_query.h"
 
-#include <algorithm>
+#include <cstddef>
 #include <type_traits>
 
 #include "kernels/gp_query/triangle_layout.h"
@@ -12,35 +12,18 @@
 // After foreach_target:
 #include "hwy/highway.h"
 #include "kernels/gp_query/covariances-inl.h"
+#include "kernels/gp_query/group-inl.h"
+#include "kernels/gp_query/narrow-inl.h"
 #include "kernels/gp_query/panel-inl.h"
-#include "kernels/gp_query/single-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace downpour {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-// A tile is cut into groups of kWidth = 3, 2 or 1 vectors of lanes; the rows of a group lie
-// together.
-template <typename T>
-struct Group {
-  T* queries;   // D rows: s_d x_d - c_d
-  T* e;         // n_padded rows, e or e'
-  T* rows;      // kChunkRows rows of W e, incomplete between chunks
-  T* mean;      // 1 row
-  T* variance;  // 1 row
-
-  static std::size_t Rows(const GpFactorT<T>& f) { return f.dim + f.n_padded + kChunkRows + 2; }
-  Group(const GpFactorT<T>& f, std::size_t lanes, T* scratch)
-      : queries(scratch),
-        e(queries + f.dim * lanes),
-        rows(e + f.n_padded * lanes),
-        mean(rows + kChunkRows * lanes),
-        variance(mean + lanes) {}
-};
-
-// Calls body(std::integral_constant<int, width>(), first) for the groups that `vectors` vectors are
-// cut into. Groups of one, which load more than they compute, are avoided.
+// Calls body(std::integral_constant<int, width>(), first) for the groups of 3, 2 or 1 vectors that
+// `vectors` vectors of lanes are cut into. Groups of one, which load more than they compute, are
+// avoided.
 template <class Body>
 HWY_INLINE void ForEachGroup(int vectors, const Body& body) {
   int first = 0;
@@ -49,41 +32,6 @@ HWY_INLINE void ForEachGroup(int vectors, const Body& body) {
   }
   for (; vectors - first >= 2; first += 2) body(std::integral_constant<int, 2>(), first);
   if (vectors - first == 1) body(std::integral_constant<int, 1>(), first);
-}
-
-// Vectors of T as double and back.
-template <typename T, class D>
-HWY_INLINE hn::Vec<D> LoadDouble(D d, const T* from) {
-  if constexpr (std::is_same_v<T, double>) {
-    return hn::Load(d, from);
-  } else {
-    return hn::PromoteTo(d, hn::Load(hn::Rebind<T, D>(), from));
-  }
-}
-template <typename T, class D>
-HWY_INLINE void StoreDouble(hn::Vec<D> value, D d, T* to) {
-  if constexpr (std::is_same_v<T, double>) {
-    hn::Store(value, d, to);
-  } else {
-    hn::Store(hn::DemoteTo(hn::Rebind<T, D>(), value), hn::Rebind<T, D>(), to);
-  }
-}
-
-// The variance after the first panel's rows of W e, in double: with pivoted points they hold most
-// of |W e|^2, and what they leave is small enough for float to go on with. NaN where the mean is
-// not finite.
-template <typename T>
-HWY_INLINE void StartVariance(double signal_variance, const Group<T>& group, int lanes) {
-  const hn::ScalableTag<double> d;
-  for (int lane = 0; lane < lanes; lane += static_cast<int>(hn::Lanes(d))) {
-    const auto mean = LoadDouble(d, group.mean + lane);
-    auto variance = hn::Add(hn::Set(d, signal_variance), hn::Sub(mean, mean));
-    for (int r = 0; r < kRowBlock; ++r) {
-      const auto row = LoadDouble(d, group.rows + r * lanes + lane);
-      variance = hn::NegMulAdd(row, row, variance);
-    }
-    StoreDouble(variance, d, group.variance + lane);
-  }
 }
 
 // What the group of kWidth vectors from `first` on fetches during a chunk, evenly: its share of the
@@ -119,72 +67,28 @@ HWY_INLINE void AddChunk(const GpFactorT<T>& f, const TriangleChunk& chunk, cons
     AddPanel<kWidth>(w, n_columns, chunk.column == 0, ends_rows, fetch,
                      group.e + chunk.column * lanes, group.rows + (row - chunk.row) * lanes,
                      group.variance);
-    if (row == 0) StartVariance(f.signal_variance, group, static_cast<int>(lanes));
+    if (row == 0) {
+      const hn::ScalableTag<double> d;
+      StartVariance(d, f.signal_variance, group, static_cast<int>(lanes));
+    }
     w += kRowBlock * n_columns;
     for (Fetch<T>& part : fetch) part.from += part.step * n_columns / 2;
   }
 }
 
-// s_d x_d - c_d in double, rounded to T.
-template <typename T>
-HWY_INLINE void ScaleQueries(const GpFactorT<T>& f, const double* HWY_RESTRICT x, int lanes,
-                             T* HWY_RESTRICT queries) {
-  const hn::ScalableTag<double> d;
-  const hn::Rebind<T, decltype(d)> d_out;
-  for (int k = 0; k < f.dim; ++k) {
-    const auto s = hn::Set(d, f.scale[k]), c = hn::Set(d, f.centre[k]);
-    for (int lane = 0; lane < lanes; lane += static_cast<int>(hn::Lanes(d))) {
-      const auto q = hn::MulSub(s, hn::Load(d, x + k * kTileLanes + lane), c);
-      if constexpr (std::is_same_v<T, double>) {
-        hn::Store(q, d, queries + k * lanes + lane);
-      } else {
-        // Highway's scalar target demotes infinity to the largest float: make it NaN.
-        const auto finite = hn::Add(q, hn::Sub(q, q));
-        hn::Store(hn::DemoteTo(d_out, finite), d_out, queries + k * lanes + lane);
-      }
-    }
-  }
-}
-
-// Means and clamped variances in double.
-template <typename T>
-HWY_INLINE void WriteResults(const Group<T>& group, int lanes, double* HWY_RESTRICT mean,
-                             double* HWY_RESTRICT variance) {
-  const hn::ScalableTag<double> d;
-  for (int lane = 0; lane < lanes; lane += static_cast<int>(hn::Lanes(d))) {
-    hn::Store(LoadDouble(d, group.mean + lane), d, mean + lane);
-    if (variance == nullptr) continue;
-    // The operands' order lets a NaN through: Max(NaN, 0) would hide a lane that is not finite.
-    const auto v = LoadDouble(d, group.variance + lane);
-    hn::Store(hn::IfThenElse(hn::Lt(v, hn::Zero(d)), hn::Zero(d), v), d, variance + lane);
-  }
-}
-
-// So many queries cost less one by one than in a vector of lanes: at n = 320 one takes 4.5 us in
-// double and 3.5 us in float, a vector of lanes 11.7 us and 11.4 us.
-template <typename T>
-constexpr int kFew = std::is_same_v<T, double> ? 2 : 3;
-
 template <typename T>
 void QueryTile(const GpFactorT<T>& f, int n_lanes, const double* HWY_RESTRICT x,
                T* HWY_RESTRICT scratch, double* HWY_RESTRICT mean, double* HWY_RESTRICT variance) {
   const int lanes = static_cast<int>(hn::Lanes(hn::ScalableTag<T>()));
-  if (n_lanes <= kFew<T> && n_lanes <= lanes) {
-    const Group<T> group(f, lanes, scratch);
-    ScaleQueries(f, x, lanes, group.queries);
-    for (int lane = 0; lane < n_lanes; ++lane) {
-      QuerySingle(f, group.queries + lane, lanes, group.e, group.rows, mean + lane,
-                  variance == nullptr ? nullptr : variance + lane);
-    }
-    return;
-  }
+  if (n_lanes <= MostNarrow(f)) return QueryOneByOne(f, n_lanes, x, scratch, mean, variance);
   const int vectors = (n_lanes + lanes - 1) / lanes;
   const auto group_at = [&](int width, int first) {
     return Group<T>(f, width * lanes, scratch + Group<T>::Rows(f) * first * lanes);
   };
+  const hn::ScalableTag<double> d;
   ForEachGroup(vectors, [&](auto width, int first) {
     const Group<T> group = group_at(width, first);
-    ScaleQueries(f, x + first * lanes, width * lanes, group.queries);
+    ScaleQueries(d, f, x + first * lanes, width * lanes, group.queries);
     CovariancesAndMean<width>(f, group.queries, group.e, group.mean);
   });
   if (variance != nullptr) {
@@ -195,7 +99,7 @@ void QueryTile(const GpFactorT<T>& f, int n_lanes, const double* HWY_RESTRICT x,
     });
   }
   ForEachGroup(vectors, [&](auto width, int first) {
-    WriteResults(group_at(width, first), width * lanes, mean + first * lanes,
+    WriteResults(d, group_at(width, first), width * lanes, mean + first * lanes,
                  variance == nullptr ? nullptr : variance + first * lanes);
   });
 }

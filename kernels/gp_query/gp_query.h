@@ -30,10 +30,10 @@ struct GpFactorT {
   double noise_variance = 0;
   AlignedVector<double> scale;   // (D)  s_d
   AlignedVector<double> centre;  // (D)  c_d
-  AlignedVector<T> inputs;       // (n_padded x D) row-major s_d x_id - c_d; padding rows are zero
+  AlignedVector<T> inputs;       // (n_padded x D) s_d x_id - c_d at PointOffset; padding zero
   AlignedVector<T> weights;      // (n_padded), padding zero
   AlignedVector<T> triangle;     // W, packed as triangle_layout.h says; padding rows are zero
-  // V (n_padded x kRowBlock) row-major, reciprocals on its diagonal, padding rows zero; or empty.
+  // V (n_padded x kRowBlock) at PointOffset, reciprocals on its diagonal, padding zero; or empty.
   AlignedVector<T> deflation;
 };
 
@@ -63,8 +63,8 @@ std::size_t GpQueryScratchBytes(const GpFactor& factor);
 std::size_t GpQueryScratchBytes(const GpFactor32& factor);
 
 // Mean and latent variance of one output for the first n_lanes queries of a tile (paper Eq. 5),
-// 1 <= n_lanes <= kTileLanes; work is done for whole vectors only, and lanes beyond the last vector
-// are neither read nor written.
+// 1 <= n_lanes <= kTileLanes; work is done for whole vectors, or for up to three lanes alone, and
+// lanes beyond the last vector are neither read nor written.
 //   x        D x kTileLanes, aligned; scratch aligned, GpQueryScratchBytes
 //   mean     kTileLanes, aligned
 //   variance kTileLanes, aligned, latent (without noise), clamped to >= 0; nullptr: mean only

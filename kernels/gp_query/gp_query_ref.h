@@ -34,7 +34,7 @@ CovarianceReference ReferenceCovariances(const GpFactorT<T>& f, const double* x)
     for (int k = 0; k < f.dim; ++k) {
       const long double scaled = static_cast<long double>(f.scale[k]) * x[k];
       const long double a = scaled - f.centre[k];
-      const long double p = f.inputs[i * f.dim + k];
+      const long double p = f.inputs[PointOffset(i, k, f.dim)];
       exponent += (a - p) * (a - p);
       magnitude += std::abs(a - p) * (std::abs(a) + std::abs(p) + std::abs(scaled));
     }
@@ -47,12 +47,12 @@ CovarianceReference ReferenceCovariances(const GpFactorT<T>& f, const double* x)
 template <typename T>
 void Deflate(const GpFactorT<T>& f, CovarianceReference* c) {
   for (int i = 0; i < f.n_padded; ++i) {
-    const T* const v = f.deflation.data() + i * kRowBlock;
+    const auto v = [&](int k) { return f.deflation[PointOffset(i, k, kRowBlock)]; };
     for (int k = 0; k < std::min(i, kRowBlock); ++k) {
-      c->e[i] -= v[k] * c->e[k];
-      c->b[i] += std::abs(v[k] * c->e[k]);
+      c->e[i] -= v(k) * c->e[k];
+      c->b[i] += std::abs(v(k) * c->e[k]);
     }
-    if (i < kRowBlock) c->e[i] *= v[i];
+    if (i < kRowBlock) c->e[i] *= v(i);
   }
 }
 
@@ -61,9 +61,9 @@ template <typename T>
 void Undeflate(const GpFactorT<T>& f, std::vector<long double>* row) {
   for (int k = kRowBlock - 1; k >= 0; --k) {
     for (int i = k + 1; i < f.n_padded; ++i) {
-      (*row)[k] -= (*row)[i] * f.deflation[i * kRowBlock + k];
+      (*row)[k] -= (*row)[i] * f.deflation[PointOffset(i, k, kRowBlock)];
     }
-    (*row)[k] *= f.deflation[k * kRowBlock + k];
+    (*row)[k] *= f.deflation[PointOffset(k, k, kRowBlock)];
   }
 }
 

@@ -25,7 +25,7 @@ void PackInputs(const GpPosterior& posterior, GpFactorT<T>* f) {
     }
     for (int i = 0; i < f->n; ++i) {
       const double q = std::fma(f->scale[k], posterior.inputs[i * dim + k], -f->centre[k]);
-      f->inputs[i * dim + k] = static_cast<T>(q);
+      f->inputs[PointOffset(i, k, f->dim)] = static_cast<T>(q);
     }
   }
 }
@@ -38,10 +38,10 @@ std::vector<double> PackDeflation(const double* deflation, GpFactorT<T>* f) {
   std::vector<double> rounded(static_cast<std::size_t>(f->n) * kRowBlock);
   for (int j = 0; j < f->n; ++j) {
     for (int i = 0; i < std::min(j + 1, kRowBlock); ++i) {
-      const std::size_t at = static_cast<std::size_t>(j) * kRowBlock + i;
       const double v = deflation[static_cast<std::size_t>(i) * f->n + j];
-      f->deflation[at] = static_cast<T>(i == j ? 1 / v : v);
-      rounded[at] = i == j ? 1.0 / f->deflation[at] : f->deflation[at];
+      T& packed = f->deflation[PointOffset(j, i, kRowBlock)];
+      packed = static_cast<T>(i == j ? 1 / v : v);
+      rounded[static_cast<std::size_t>(j) * kRowBlock + i] = i == j ? 1.0 / packed : packed;
     }
   }
   return rounded;

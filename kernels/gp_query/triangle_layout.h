@@ -16,6 +16,12 @@ inline constexpr int kChunkRows = 64;
 inline constexpr int kChunkColumns = 128;
 static_assert(kChunkColumns % kChunkRows == 0);
 
+// Where value k of `width` of a point lies: values of kRowBlock points side by side, so that a
+// vector can hold either many queries of one point or many points of one query.
+inline constexpr std::size_t PointOffset(int point, int k, int width) {
+  return (static_cast<std::size_t>(point / kRowBlock) * width + k) * kRowBlock + point % kRowBlock;
+}
+
 struct TriangleChunk {
   std::size_t offset;  // of its first panel
   std::size_t size;    // elements
