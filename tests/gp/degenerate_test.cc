@@ -56,14 +56,15 @@ struct Queries {
   Eigen::MatrixXd near, far;
 };
 
-// Every way to answer: the exact posterior and compressions of it, both in fp64 and fp32.
+// Every way to answer: the exact posterior and compressions of it, both in fp64 and fp32, and the
+// exact one by OpenBLAS.
 std::vector<QueryFactor> AllFactors(const ExactGp& exact) {
   const Compression compression(exact, 1e-4);
   std::vector<ReducedPosterior> posteriors = {ExactPosterior(exact)};
   for (const double tau : {1.0, 0.01, 1e-4}) {
     posteriors.push_back(compression.First(compression.PointsFor(tau)));
   }
-  std::vector<QueryFactor> factors;
+  std::vector<QueryFactor> factors = {MakeBlasFactor(exact)};
   for (const ReducedPosterior& posterior : posteriors) {
     factors.emplace_back(PackPosterior<double>(exact, posterior));
     factors.emplace_back(PackPosterior<float>(exact, posterior));
