@@ -8,16 +8,15 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <exception>
 #include <filesystem>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "bench/program.h"
 #include "bench/run_data.h"
 #include "engine/gp/gp_model.h"
 #include "engine/gp/likelihood.h"
-#include "engine/gp/process_settings.h"
 #include "kernels/fma_peak/fma_peak.h"
 #include "tasks/registry.h"
 
@@ -120,11 +119,5 @@ int Main(int argc, char** argv) {
 }  // namespace downpour
 
 int main(int argc, char** argv) {
-  downpour::PrepareProcess(argv);
-  try {
-    return downpour::Main(argc, argv);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "fit_bench: %s\n", error.what());
-    return 2;
-  }
+  return downpour::RunProgram("fit_bench", downpour::Main, argc, argv);
 }

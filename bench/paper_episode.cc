@@ -14,7 +14,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <exception>
 #include <filesystem>
 #include <fstream>
 #include <limits>
@@ -25,11 +24,11 @@
 #include <variant>
 #include <vector>
 
+#include "bench/program.h"
 #include "bench/rollout_parts.h"
 #include "bench/run_data.h"
 #include "engine/errors.h"
 #include "engine/gp/gp_model.h"
-#include "engine/gp/process_settings.h"
 #include "engine/learner/atomic_file.h"
 #include "engine/learner/csv_tables.h"
 #include "engine/learner/learner.h"
@@ -342,11 +341,5 @@ int Main(int argc, char** argv) {
 }  // namespace downpour
 
 int main(int argc, char** argv) {
-  downpour::PrepareProcess(argv);
-  try {
-    return downpour::Main(argc, argv);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "paper_episode: %s\n", error.what());
-    return 2;
-  }
+  return downpour::RunProgram("paper_episode", downpour::Main, argc, argv);
 }

@@ -10,7 +10,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <exception>
 #include <filesystem>
 #include <fstream>
 #include <limits>
@@ -20,10 +19,10 @@
 #include <utility>
 #include <vector>
 
+#include "bench/program.h"
 #include "bench/run_data.h"
 #include "bench/tile_queries.h"
 #include "engine/errors.h"
-#include "engine/gp/process_settings.h"
 #include "engine/learner/plan_probes.h"
 #include "engine/learner/planned_model.h"
 #include "engine/learner/saved_policy.h"
@@ -382,11 +381,5 @@ int Main(int argc, char** argv) {
 }  // namespace downpour
 
 int main(int argc, char** argv) {
-  downpour::PrepareProcess(argv);
-  try {
-    return downpour::Main(argc, argv);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "plan_study: %s\n", error.what());
-    return 2;
-  }
+  return downpour::RunProgram("plan_study", downpour::Main, argc, argv);
 }

@@ -8,14 +8,13 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <exception>
 #include <limits>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "bench/program.h"
 #include "engine/errors.h"
-#include "engine/gp/process_settings.h"
 #include "engine/search/minimise.h"
 #include "engine/search/search_run.h"
 #include "tests/search/test_functions.h"
@@ -335,11 +334,5 @@ int Main(int argc, char** argv) {
 }  // namespace downpour
 
 int main(int argc, char** argv) {
-  downpour::PrepareProcess(argv);
-  try {
-    return downpour::Main(argc, argv);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "search_bench: %s\n", error.what());
-    return 2;
-  }
+  return downpour::RunProgram("search_bench", downpour::Main, argc, argv);
 }

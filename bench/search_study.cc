@@ -6,14 +6,13 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
-#include <exception>
 #include <filesystem>
 #include <string>
 #include <vector>
 
+#include "bench/program.h"
 #include "bench/run_data.h"
 #include "engine/gp/gp_model.h"
-#include "engine/gp/process_settings.h"
 #include "engine/rollout/evaluator.h"
 #include "engine/search/policy_search.h"
 #include "tasks/registry.h"
@@ -103,11 +102,5 @@ int Main(int argc, char** argv) {
 }  // namespace downpour
 
 int main(int argc, char** argv) {
-  downpour::PrepareProcess(argv);
-  try {
-    return downpour::Main(argc, argv);
-  } catch (const std::exception& error) {
-    std::fprintf(stderr, "search_study: %s\n", error.what());
-    return 2;
-  }
+  return downpour::RunProgram("search_study", downpour::Main, argc, argv);
 }
