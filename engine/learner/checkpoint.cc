@@ -50,6 +50,7 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   static constexpr std::array kRestarts = {"bipop", "small", "ipop", "single"};
   static constexpr std::array kUncertainty = {"off", "sigma", "rollouts", "lra"};
   static constexpr std::array kCovariance = {"auto", "full", "diagonal", "limited-memory"};
+  static constexpr std::array kCommonRandomNumbers = {"off", "generation", "search"};
   // Named one by one, so that a new option does not compile until it is here.
   const auto& [episodes, random_episodes, until_solved, hidden_units, seed, threads, model, plan,
                search, rollout] = options;
@@ -58,7 +59,7 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   const auto& [use_variance, predict_noise, sample_clamp, rollout_threads] = rollout;
   const auto& [evaluations, population, rollouts, max_rollouts, concurrent, exploration,
                final_rollouts, bound, first_sigma, restart_sigma, restart_decades, search_threads,
-               restart_strategy, uncertainty, covariance] = search;
+               restart_strategy, uncertainty, covariance, common_random_numbers] = search;
   // Not compared: how long the run is, and threads.
   static_cast<void>(episodes), static_cast<void>(until_solved), static_cast<void>(threads);
   static_cast<void>(rollout_threads), static_cast<void>(search_threads);
@@ -86,7 +87,9 @@ Json Settings(const Task& task, const LearnerOptions& options) {
                    {"search.restart_decades", JsonNumber(restart_decades)},
                    {"search.restarts", kRestarts.at(static_cast<std::size_t>(restart_strategy))},
                    {"search.uncertainty", kUncertainty.at(static_cast<std::size_t>(uncertainty))},
-                   {"search.covariance", kCovariance.at(static_cast<std::size_t>(covariance))}};
+                   {"search.covariance", kCovariance.at(static_cast<std::size_t>(covariance))},
+                   {"search.common_random_numbers",
+                    kCommonRandomNumbers.at(static_cast<std::size_t>(common_random_numbers))}};
   settings.update(TaskSettings(task));
   return settings;
 }

@@ -343,7 +343,7 @@ PolicySearchResult PolicySearch::Finish() {
 
 PolicySearchProgress PolicySearch::Progress() const {
   return {evaluations_, options_.evaluations, scheduler_.runs_started(), best_return_,
-          mean_return_};
+          mean_return_, runs_};
 }
 
 }  // namespace

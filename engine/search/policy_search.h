@@ -31,6 +31,14 @@ enum class UncertaintyHandling {
   kLra,
 };
 
+// Which rollouts of a search meet the same random numbers, so that the ranking of the candidates is
+// paired (PEGASUS; A. Y. Ng and M. Jordan, UAI 2000). Comparisons of final means always are.
+enum class CommonRandomNumbers {
+  kOff,         // none
+  kGeneration,  // those of a run's generation
+  kSearch,      // all: the objective is a deterministic function of the parameters
+};
+
 struct PolicySearchOptions {
   std::int64_t evaluations = 300000;  // rollouts an episode's search may spend; [100, 1e12]
   int population = 0;                 // lambda; 0: twice CMA-ES's default; 0 or [2, 100000]
@@ -51,6 +59,7 @@ struct PolicySearchOptions {
   RestartStrategy restarts = RestartStrategy::kSmall;
   UncertaintyHandling uncertainty = UncertaintyHandling::kOff;
   CovarianceForm covariance = CovarianceForm::kAuto;  // what CMA-ES adapts beside mean and sigma
+  CommonRandomNumbers common_random_numbers = CommonRandomNumbers::kOff;
 };
 
 // Evaluates a batch: parameters are rows of `parameters` (n_candidates x P, row-major, within the
@@ -80,12 +89,16 @@ struct RunRecord {
   double mean_return = 0;
 };
 
+class SearchRun;
+
 struct PolicySearchProgress {
   std::int64_t evaluations = 0;
   std::int64_t budget = 0;
   int runs_started = 0;
   double best_return = 0;  // best value of the last generation, all instances together
   double mean_return = 0;  // mean value of it; both that of the result after the comparison
+  // The runs under way (engine/search/search_run.h), for the time of the call; none at the end.
+  std::span<const SearchRun> runs;
 };
 
 struct PolicySearchResult {
@@ -115,8 +128,8 @@ struct PolicySearchResult {
 // comparison gave `start`. The budget covers this: final_rollouts, or a 45th of the budget if that
 // is less, for each of at most 8 finalists and for the prediction.
 //
-// All random numbers derive from (seed, episode, run, generation, candidate); the result depends on
-// nothing else. A return that is not finite counts as worse than any other.
+// All random numbers derive from (seed, episode, run, generation, candidate), less what
+// common_random_numbers leaves out; the result depends on nothing else. A return that is not finite counts as worse than any other.
 // `progress` (may be empty) is called after every batch; `stop` (may be null) is looked at between
 // batches and ends the search by throwing Interrupted. Throws InvalidInput for options out of
 // range, an empty or non-finite start, or a budget that holds not even one generation.

@@ -44,6 +44,7 @@ SearchRun::SearchRun(const PolicySearchOptions& options, const RunPlan& plan,
                      std::vector<double> mean, std::uint64_t seed, std::uint32_t episode)
     : plan_(plan),
       uncertainty_(options.uncertainty),
+      common_random_numbers_(options.common_random_numbers),
       min_rollouts_(options.rollouts),
       max_rollouts_(options.max_rollouts),
       box_(-options.bound, options.bound),
@@ -89,6 +90,21 @@ void SearchRun::Plan(SearchBatch* batch) {
   batch->n_returns += static_cast<std::size_t>(n_returns());
 }
 
+StreamKey SearchRun::RolloutKey(StreamPurpose purpose, std::size_t candidate) const {
+  const auto run = static_cast<std::uint32_t>(plan_.run);
+  const auto generation = static_cast<std::uint32_t>(cma_.generation());
+  switch (common_random_numbers_) {
+    case CommonRandomNumbers::kSearch:
+      return DeriveKey(seed_, purpose, {episode_});
+    case CommonRandomNumbers::kGeneration:
+      return DeriveKey(seed_, purpose, {episode_, run, generation});
+    case CommonRandomNumbers::kOff:
+      break;
+  }
+  return DeriveKey(seed_, purpose,
+                   {episode_, run, generation, static_cast<std::uint32_t>(candidate)});
+}
+
 void SearchRun::Ask(SearchBatch* batch) {
   const auto run = static_cast<std::uint32_t>(plan_.run);
   const auto generation = static_cast<std::uint32_t>(cma_.generation());
@@ -102,9 +118,9 @@ void SearchRun::Ask(SearchBatch* batch) {
   std::copy_n(first, reevaluated_.size() * dimension, first + candidates.size());
   for (std::size_t k = 0; k < n_candidates(); ++k) {
     const bool again = k >= population;
-    batch->keys[first_candidate_ + k] = DeriveKey(
-        seed_, again ? StreamPurpose::kReevaluation : StreamPurpose::kRollout,
-        {episode_, run, generation, static_cast<std::uint32_t>(again ? k - population : k)});
+    batch->keys[first_candidate_ + k] =
+        again ? RolloutKey(StreamPurpose::kReevaluation, k - population)
+              : RolloutKey(StreamPurpose::kRollout, k);
     batch->n_rollouts[first_candidate_ + k] = static_cast<int>(n_rollouts_);
   }
 }

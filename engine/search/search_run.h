@@ -22,7 +22,8 @@ struct SearchBatch {
 };
 
 // One CMA-ES run of a policy search, with uncertainty handling. A generation is Plan, Ask, Tell.
-// Random numbers derive from (seed, episode, run, generation, candidate). Not thread-safe.
+// Random numbers derive from (seed, episode, run, generation, candidate), see
+// CommonRandomNumbers. Not thread-safe.
 class SearchRun {
  public:
   // Starts at `mean` (P, within the bounds).
@@ -49,9 +50,12 @@ class SearchRun {
 
  private:
   std::size_t n_candidates() const { return costs_.size() + reevaluated_.size(); }
+  // Of the rollouts of this generation's candidate, or of its second evaluation.
+  StreamKey RolloutKey(StreamPurpose purpose, std::size_t candidate) const;
 
   RunPlan plan_;
   UncertaintyHandling uncertainty_;
+  CommonRandomNumbers common_random_numbers_;
   int min_rollouts_, max_rollouts_;
   BoxTransform box_;
   CmaEs cma_;

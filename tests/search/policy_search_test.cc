@@ -176,6 +176,33 @@ TEST_CASE("policy_search: every evaluation but the final comparison has its own 
   CHECK(repeated_parameters > 0);  // re-evaluations
 }
 
+TEST_CASE("policy_search: common random numbers are those of a generation or of the search") {
+  for (const auto common : {CommonRandomNumbers::kGeneration, CommonRandomNumbers::kSearch}) {
+    PolicySearchOptions options = EqualOptions();
+    options.concurrent = 2;
+    options.population = 10;
+    options.common_random_numbers = common;
+    std::set<std::tuple<std::uint32_t, std::uint32_t>> seen;
+    int batches = 0;
+    bool comparing = false;
+    const BatchObjective inner = Noisy(Hill, 1);
+    Search(options, [&](const CandidateBatch& batch, std::span<double> returns) {
+      inner(batch, returns);
+      comparing = comparing || batch.n_rollouts[0] > 1;
+      if (comparing) return;
+      REQUIRE(batch.n_candidates == 20);
+      ++batches;
+      for (std::size_t c = 0; c < 20; ++c) {
+        CHECK(batch.keys[c] == batch.keys[c / 10 * 10]);
+        seen.emplace(batch.keys[c].word0, batch.keys[c].word1);
+      }
+    });
+    CHECK(batches > 100);
+    const bool one = common == CommonRandomNumbers::kSearch;
+    CHECK(seen.size() == (one ? 1 : 2 * static_cast<std::size_t>(batches)));
+  }
+}
+
 TEST_CASE("policy_search: rollouts rise to their limit where the ranking is noise") {
   PolicySearchOptions options = SmallOptions();
   options.uncertainty = UncertaintyHandling::kRollouts;

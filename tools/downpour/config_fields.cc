@@ -190,6 +190,12 @@ std::vector<Field> SearchFields(PolicySearchOptions& search) {
        .choices = {"auto", "full", "diagonal", "limited-memory"},
        .description = "What CMA-ES adapts; auto: full up to 200 policy parameters, limited-memory "
                       "above."},
+      {.key = "search.common_random_numbers",
+       .option = "",
+       .target = &search.common_random_numbers,
+       .choices = {"off", "generation", "search"},
+       .description = "Rollouts that meet the same random numbers: none, those of a generation of "
+                      "a run, or all of a search."},
   };
 }
 
