@@ -1,0 +1,167 @@
+#!/usr/bin/python3
+# SPDX-License-Identifier: Apache-2.0
+"""Which setting finds a good policy for the fewest rollouts: compares searches on models of runs.
+
+usage: bench/search_comparison.py TASK --runs RUN [RUN ...] [--tables fixed,restarts,allocation]
+         [--seeds 1] [--evaluations 120000] [--jobs 2] [--out runs/search_study] [--plot FILE]
+
+A model is learnt from all episodes of a run but its last one, and searched again with every
+setting of the tables and every seed (build/release/bin/search_study). The measure is the expected
+number of rollouts until the mean of a CMA-ES run is within --share of the best return known on
+that model, by any search here, both by 2,000 fresh rollouts: rollouts of all searches (those that
+fail with all they spent) over the number of searches that succeed. Intervals are bootstrapped over
+models (90 %). Finished searches are kept in OUT and not run again: the command may be killed and
+repeated.
+"""
+import argparse
+import csv
+import os
+import random
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+TOP = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+PROGRAM = os.path.join(TOP, "build/release/bin/search_study")
+
+
+def product(**choices):
+    """All combinations, as dictionaries."""
+    rows = [{}]
+    for key, values in choices.items():
+        rows = [{**row, key.replace("_", "-"): value} for row in rows for value in values]
+    return rows
+
+
+def tables(task):
+    sigmas = [0.25, 0.5, 1, 2.5, 5]
+    one = {"restarts": "single", "exploration": 1}
+    restarts = ["single", "ipop", "bipop", "small"]
+    plain = {"exploration": 1, "concurrent": 1, "population": 16}
+    default = {"restarts": "small"}
+    return {
+        # One run, no restart: lambda x sigma_0 x start.
+        "fixed": [{**one, **row} for row in product(
+            population=[16, 32, 64], first_sigma=sigmas, start=["last", "zero", "uniform"])],
+        # Restart strategies one run at a time, and what they do about noise.
+        "restarts": [{**plain, **row} for row in
+                     product(restarts=restarts, uncertainty=["off", "sigma", "rollouts", "lra"])
+                     + product(restarts=restarts, rollouts=[5, 20])
+                     + product(restarts=restarts, rollouts=[1, 5],
+                               common_random_numbers=["generation", "search"])],
+        # Who gets the budget.
+        "allocation": [{**default, **row} for row in
+                       product(concurrent=[4, 8, 16, 32], population=[16, 32], exploration=[1, 0.55, 0.3])
+                       + product(concurrent=[8], restarts=["bipop", "ipop"], population=[16, 32],
+                                 exploration=[1, 0.55])],
+    }
+
+
+def name_of(setting):
+    return " ".join(f"{key}={value}" for key, value in sorted(setting.items()))
+
+
+def n_episodes(run):
+    with open(os.path.join(run, "episodes.csv"), newline="") as file:
+        return sum(1 for _ in csv.DictReader(file))
+
+
+def search(task, run, setting, seed, evaluations, out):
+    """One search's lines [(rollouts, true return, what)], run or read."""
+    folder = os.path.join(out, task, name_of(setting).replace(" ", ","))
+    path = os.path.join(folder, f"{os.path.basename(os.path.normpath(run))}-{seed}.csv")
+    if not os.path.exists(path):
+        os.makedirs(folder, exist_ok=True)
+        command = [PROGRAM, task, run, "--episodes", str(n_episodes(run) - 1), "--first-seed",
+                   str(seed), "--evaluations", str(evaluations)]
+        for key, value in setting.items():
+            command += [f"--{key}", str(value)]
+        result = subprocess.run(command, capture_output=True, text=True)
+        if result.returncode:
+            sys.exit(f"search_comparison: {' '.join(command)}: {result.stderr.strip()}")
+        with open(path + ".part", "w") as file:
+            file.write(result.stdout)
+        os.replace(path + ".part", path)
+    with open(path, newline="") as file:
+        return [(int(row["rollouts"]), float(row["true_return"]), row["what"])
+                for row in csv.DictReader(file)]
+
+
+def cost(lines, wanted):
+    """(rollouts spent, found) of one search."""
+    for rollouts, value, what in lines:
+        if what == "mean" and value >= wanted:
+            return rollouts, True
+    return next(rollouts for rollouts, _, what in lines if what == "end"), False
+
+
+def expected(costs):
+    """Expected rollouts to success of [(rollouts, found)]; infinite if none succeeded."""
+    found = sum(success for _, success in costs)
+    return sum(rollouts for rollouts, _ in costs) / found if found else float("inf")
+
+
+def interval(costs_by_model, draws=1000):
+    """90 % bootstrap interval of `expected` over models."""
+    generator = random.Random(0)
+    models = list(costs_by_model.values())
+    values = sorted(expected([c for costs in generator.choices(models, k=len(models)) for c in costs])
+                    for _ in range(draws))
+    return values[draws // 20], values[-draws // 20 - 1]
+
+
+def summarise(settings, results, runs, seeds, share):
+    """Rows of the table, best first."""
+    best = {}
+    for (run, _, _), lines in results.items():
+        best[run] = max([best.get(run, 0)] + [value for _, value, _ in lines])
+    rows = []
+    for setting in settings:
+        name = name_of(setting)
+        by_model = {run: [cost(results[run, name, seed], share * best[run]) for seed in seeds]
+                    for run in runs}
+        costs = [c for model in by_model.values() for c in model]
+        low, high = interval(by_model)
+        returned = [next(v for _, v, what in results[run, name, seed] if what == "returned") / best[run]
+                    for run in runs for seed in seeds]
+        rows.append({"setting": name, "expected_rollouts": expected(costs), "low": low, "high": high,
+                     "found": sum(success for _, success in costs) / len(costs),
+                     "returned_share_of_best": sum(returned) / len(returned)})
+    return sorted(rows, key=lambda row: row["expected_rollouts"])
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("task")
+    parser.add_argument("--runs", nargs="+", required=True)
+    parser.add_argument("--tables", default="fixed,restarts,allocation")
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--evaluations", type=int, default=120000)
+    parser.add_argument("--share", type=float, default=0.9)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", default="runs/search_study")
+    arguments = parser.parse_args()
+    settings, seen = [], set()
+    for table in arguments.tables.split(","):
+        for setting in tables(arguments.task)[table]:
+            if name_of(setting) not in seen:
+                seen.add(name_of(setting))
+                settings.append(setting)
+    seeds = range(arguments.seeds)
+    work = [(run, setting, seed) for seed in seeds for setting in settings for run in arguments.runs]
+    with ThreadPoolExecutor(arguments.jobs) as pool:
+        lines = pool.map(lambda w: search(arguments.task, *w, arguments.evaluations, arguments.out), work)
+        results = {(run, name_of(setting), seed): found for (run, setting, seed), found in zip(work, lines)}
+    rows = summarise(settings, results, arguments.runs, seeds, arguments.share)
+    path = os.path.join(arguments.out, f"{arguments.task}.csv")
+    with open(path, "w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    for row in rows:
+        print(f"{row['expected_rollouts']:10.0f} ({row['low']:.0f}-{row['high']:.0f}) "
+              f"{row['found']:6.2f} {row['returned_share_of_best']:6.2f}  {row['setting']}")
+
+
+if __name__ == "__main__":
+    main()
