@@ -47,8 +47,7 @@ def tables(task):
         "restarts": [{**plain, **row} for row in
                      product(restarts=restarts, uncertainty=["off", "sigma", "rollouts", "lra"])
                      + product(restarts=restarts, rollouts=[5, 20])
-                     + product(restarts=restarts, rollouts=[1, 5],
-                               common_random_numbers=["generation", "search"])],
+                     + product(restarts=restarts, common_random_numbers=["generation", "search"])],
         # Who gets the budget.
         "allocation": [{**default, **row} for row in
                        product(concurrent=[4, 8, 16, 32], population=[16, 32], exploration=[1, 0.55, 0.3])
