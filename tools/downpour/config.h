@@ -30,7 +30,7 @@ struct Field {
   std::string option = {};  // "--evaluations"; empty: only by --config and --set. A bool's option
                             // is a flag that turns the default round.
   std::variant<bool*, int*, std::int64_t*, std::uint64_t*, double*, std::string*, RestartStrategy*,
-               UncertaintyHandling*, CovarianceForm*, QueryBackend*>
+               UncertaintyHandling*, CovarianceForm*, CommonRandomNumbers*, QueryBackend*>
       target;
   double min = 0;  // numbers only
   double max = 0;
