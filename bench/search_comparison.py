@@ -33,26 +33,27 @@ def product(**choices):
     return rows
 
 
-def tables(task):
-    sigmas = [0.25, 0.5, 1, 2.5, 5]
-    one = {"restarts": "single", "exploration": 1}
+def tables():
+    sigmas = [0.1, 0.25, 0.5, 1, 2.5, 5]
     restarts = ["single", "ipop", "bipop", "small"]
-    plain = {"exploration": 1, "concurrent": 1, "population": 16}
-    default = {"restarts": "small"}
+    one = {"exploration": 1, "concurrent": 1}
+    halving = [{"exploration": 1}, {"exploration": 0.55, "promotions": 2},
+               {"exploration": 0.3, "promotions": 3}]
     return {
         # One run, no restart: lambda x sigma_0 x start.
-        "fixed": [{**one, **row} for row in product(
+        "fixed": [{**one, "restarts": "single", **row} for row in product(
             population=[16, 32, 64], first_sigma=sigmas, start=["last", "zero", "uniform"])],
         # Restart strategies one run at a time, and what they do about noise.
-        "restarts": [{**plain, **row} for row in
+        "restarts": [{**one, "population": 16, **row} for row in
                      product(restarts=restarts, uncertainty=["off", "sigma", "rollouts", "lra"])
                      + product(restarts=restarts, rollouts=[5, 20])
                      + product(restarts=restarts, common_random_numbers=["generation", "search"])],
-        # Who gets the budget.
-        "allocation": [{**default, **row} for row in
-                       product(concurrent=[4, 8, 16, 32], population=[16, 32], exploration=[1, 0.55, 0.3])
-                       + product(concurrent=[8], restarts=["bipop", "ipop"], population=[16, 32],
-                                 exploration=[1, 0.55])],
+        # Who gets the budget: so many runs side by side, some of them from the last policy, and
+        # successive halving or not.
+        "allocation": [{"restarts": "small", **selection, **row} for selection in halving for row in
+                       product(concurrent=[1, 4, 8, 16], local_share=[0, 0.5],
+                               first_sigma=[0.25, 0.5])
+                       if selection["exploration"] == 1 or row["concurrent"] > 1],
     }
 
 
@@ -142,7 +143,7 @@ def main():
     arguments = parser.parse_args()
     settings, seen = [], set()
     for table in arguments.tables.split(","):
-        for setting in tables(arguments.task)[table]:
+        for setting in tables()[table]:
             if name_of(setting) not in seen:
                 seen.add(name_of(setting))
                 settings.append(setting)

@@ -77,6 +77,8 @@ void AddOptions(CLI::App* app, Arguments* arguments) {
   app->add_option("--restart-sigma", search.restart_sigma, "default: the task's");
   app->add_option("--restart-decades", search.restart_decades, "default: the task's");
   app->add_option("--exploration", search.exploration, "share before the selection; 1: none");
+  app->add_option("--promotions", search.promotions, "stages after exploration");
+  app->add_option("--local-share", search.local_share, "of restarts at the first run's start");
   AddChoice(app, "--restarts", &search.restarts,
             {{"bipop", RestartStrategy::kBipop},
              {"small", RestartStrategy::kSmall},
@@ -233,6 +235,8 @@ int Main(int argc, char** argv) {
     policy = MakePolicy(saved, task);
     last = saved.parameters;
   }
+  // Without a last policy no run is local, as in the learner.
+  if (last == std::vector<double>(last.size(), 0.0)) search.local_share = 0;
   PlannedModel model = LearnModel(task, arguments, *policy, last);
   std::printf("seed,rollouts,true_return,what\n");
   for (int k = 0; k < arguments.seeds; ++k) {

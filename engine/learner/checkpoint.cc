@@ -58,7 +58,7 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   const auto& [variance_tolerance, mean_tolerance, backend] = plan;
   const auto& [use_variance, predict_noise, sample_clamp, rollout_threads] = rollout;
   const auto& [evaluations, population, rollouts, max_rollouts, concurrent, exploration,
-               final_rollouts, bound, first_sigma, restart_sigma, restart_decades, search_threads,
+               promotions, local_share, final_rollouts, bound, first_sigma, restart_sigma, restart_decades, search_threads,
                restart_strategy, uncertainty, covariance, common_random_numbers] = search;
   // Not compared: how long the run is, and threads.
   static_cast<void>(episodes), static_cast<void>(until_solved), static_cast<void>(threads);
@@ -80,6 +80,8 @@ Json Settings(const Task& task, const LearnerOptions& options) {
                    {"search.max_rollouts", max_rollouts},
                    {"search.concurrent", concurrent},
                    {"search.exploration", JsonNumber(exploration)},
+                   {"search.promotions", promotions},
+                   {"search.local_share", JsonNumber(local_share)},
                    {"search.final_rollouts", final_rollouts},
                    {"search.bound", JsonNumber(bound)},
                    {"search.first_sigma", JsonNumber(first_sigma)},

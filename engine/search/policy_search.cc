@@ -24,18 +24,22 @@ namespace {
 // once nor so large a population that the budget holds fewer.
 constexpr int kMinGenerations = 100;
 // Most runs end in a poor local optimum, and which ones shows long before they have converged. So
-// when all runs have used the exploration share of the budget, the best half of the slots goes on
-// for one half of the rest, and the best quarter for the other (successive halving). The last ones
-// are close to an optimum, where noise hides what is left to gain: they take more rollouts.
+// when all runs have used the exploration share of the budget, the best half of the slots goes on,
+// then the best half of these (successive halving). The last ones are close to an optimum, where
+// noise hides what is left to gain: they take more rollouts.
 constexpr int kLastRollouts = 2;
-constexpr int kPromotions = 2;
 // Fresh rollouts that compare the runs between these stages.
 constexpr int kPromotionRollouts = 48;
 // The final comparison and the estimate of its winner take at most this share of the budget (and
 // 48 rollouts a run).
 constexpr int kComparisonShare = 5;
-// Streams of kFinalEvaluation: 0 for the final comparison, 1 to kPromotions for the promotions.
-constexpr std::uint32_t kWinnerEvaluation = kPromotions + 1;
+// Streams of kFinalEvaluation: 0 for the final comparison, 1, 2, ... for the promotions.
+constexpr std::uint32_t kWinnerEvaluation = 0xFFFFFFFF;
+
+// Whether restart `number` (>= 1) is one of the local ones, which are spread evenly.
+bool IsLocal(double share, int number) {
+  return std::floor(share * number) > std::floor(share * (number - 1));
+}
 
 struct FinishedRun {
   RunRecord record;
@@ -142,10 +146,14 @@ SearchRun PolicySearch::NewRun() {
     double draws[2];
     FillUniforms(key, 0, draws, 2);
     plan = scheduler_.Next(draws[0], draws[1]);
-    // The start is as far from zero as the run will look: sigma U[-1, 1] a parameter.
-    FillUniforms(key, 1, mean.data(), mean.size());
-    for (double& value : mean) {
-      value = std::clamp(plan.sigma * (2 * value - 1), -options_.bound, options_.bound);
+    if (IsLocal(options_.local_share, number)) {
+      plan.sigma = options_.first_sigma;
+    } else {
+      // The start is as far from zero as the run will look: sigma U[-1, 1] a parameter.
+      FillUniforms(key, 1, mean.data(), mean.size());
+      for (double& value : mean) {
+        value = std::clamp(plan.sigma * (2 * value - 1), -options_.bound, options_.bound);
+      }
     }
   }
   return SearchRun(options_, plan, std::move(mean), seed_, episode_);
@@ -171,7 +179,7 @@ std::optional<SearchRun> PolicySearch::NextRun() {
 // What the comparisons that are still to come may cost at most: the start and every run so far take
 // part in the final one, whose winner is evaluated again.
 std::int64_t PolicySearch::ComparisonReserve() const {
-  const std::int64_t promotions = options_.exploration < 1 ? kPromotions - promotions_ : 0;
+  const std::int64_t promotions = options_.exploration < 1 ? options_.promotions - promotions_ : 0;
   const int n_runs = scheduler_.runs_started();
   return FinalComparisonCost(n_runs + 1, final_rollouts_) + final_rollouts_ +
          promotions * FinalComparisonCost(n_runs, promotion_rollouts_);
@@ -367,11 +375,11 @@ PolicySearchResult SearchPolicy(const PolicySearchOptions& options, std::span<co
     }
   };
   run_until(options.exploration);
-  if (options.exploration < 1) {
-    search.Promote(std::max(1, search.n_slots() / 2), options.rollouts);
-    run_until((1 + options.exploration) / 2);
-    search.Promote(std::max(1, search.n_slots() / 4), kLastRollouts * options.rollouts);
-    run_until(1);
+  for (int k = 1; k <= options.promotions && options.exploration < 1; ++k) {
+    const bool last = k == options.promotions;
+    search.Promote(std::max(1, search.n_slots() >> k),
+                   last ? kLastRollouts * options.rollouts : options.rollouts);
+    run_until(last ? 1 : options.exploration + (1 - options.exploration) * k / options.promotions);
   }
   PolicySearchResult result = search.Finish();
   if (progress) progress(search.Progress());

@@ -46,9 +46,13 @@ struct PolicySearchOptions {
                           // selection (within max_rollouts for kRollouts); [1, 10000]
   int max_rollouts = 20;  // limit of kRollouts; [1, 10000]
   int concurrent = 8;     // CMA-ES instances that share each batch; [1, 1024]
-  // Share of the evaluations for all runs alike; one half of the rest is for the best half of them,
-  // the other for the best quarter, with 2 `rollouts`; 1: no such selection; [0.1, 1].
+  // Share of the evaluations for all runs alike; the rest is for `promotions` further stages of
+  // equal shares, each for half as many runs, the best; 1: no such selection; [0.1, 1].
   double exploration = 0.55;
+  int promotions = 2;  // stages after exploration; the last with 2 `rollouts`; [1, 10]
+  // Share of the restarts that begin as the first run does, at the last policy with first_sigma;
+  // [0, 1].
+  double local_share = 0;
   int final_rollouts = 480;      // that compare each of the best final means, and again for the
                                  // prediction of the winner; [1, 1e6]
   double bound = 5;              // parameters lie in +-bound; > 0
@@ -117,10 +121,10 @@ struct PolicySearchResult {
 // The budget goes by successive halving. All instances explore alike for the share `exploration`;
 // a run that meets a stopping criterion makes room for a new one. Then all runs that may still
 // improve are compared by 48 fresh rollouts each, and the best, half as many as there were
-// instances, go on from where they were with half of the rest; then the same again with a quarter
-// as many, which take at least 2 `rollouts` a candidate. When one of these converges, the next best
-// of the runs that were passed over goes on in its place, or a new one starts, until no generation
-// fits.
+// instances, go on from where they were; then the same again with half as many, `promotions` times
+// in all. The last ones take at least 2 `rollouts` a candidate. When a promoted run converges, the
+// next best of the runs that were passed over goes on in its place, or a new one starts, until no
+// generation fits.
 //
 // At the end the final means of all runs and `start` itself are compared by fresh rollouts on
 // common random streams, and the best is returned. Its return is predicted by as many rollouts

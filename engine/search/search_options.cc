@@ -45,6 +45,8 @@ void CheckPolicySearchOptions(const PolicySearchOptions& options, std::span<cons
              adapts_rollouts ? "[search.rollouts, 10000]" : "[1, 10000]");
   CheckRange("concurrent", options.concurrent, 1, 1024, "[1, 1024]");
   CheckRange("exploration", options.exploration, 0.1, 1.0, "[0.1, 1]");
+  CheckRange("promotions", options.promotions, 1, 10, "[1, 10]");
+  CheckRange("local_share", options.local_share, 0.0, 1.0, "[0, 1]");
   CheckRange("final_rollouts", options.final_rollouts, 1, 1'000'000, "[1, 1e6]");
   CheckRange("threads", options.threads, 1, 1 << 20, "[1, 1048576]");
   if (options.uncertainty == UncertaintyHandling::kLra &&
