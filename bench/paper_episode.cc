@@ -265,7 +265,7 @@ void Print(const Episode& episode, const SampleTimes& times, int threads) {
       episode.search_seconds, static_cast<long long>(s.rollouts), queries * 1e-6,
       1e9 * episode.search_seconds / queries, 1e-6 * queries / episode.search_seconds);
   std::printf("lane fill %.3f, %lld diverged, plans changed %d times, predicted return %.2f\n",
-              static_cast<double>(s.rollouts) / static_cast<double>(s.lanes),
+              static_cast<double>(s.steps) / static_cast<double>(s.lane_steps),
               static_cast<long long>(s.diverged), episode.plan_changes, episode.predicted_return);
   double rest = s.seconds;
   for (int part = 0; part < kRolloutParts; ++part) {

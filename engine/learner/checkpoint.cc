@@ -57,9 +57,10 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   const auto& [restarts, max_evaluations] = model;
   const auto& [variance_tolerance, mean_tolerance, backend] = plan;
   const auto& [use_variance, predict_noise, sample_clamp, rollout_threads] = rollout;
-  const auto& [evaluations, population, rollouts, max_rollouts, concurrent, exploration,
-               promotions, local_share, final_rollouts, bound, first_sigma, restart_sigma, restart_decades, search_threads,
-               restart_strategy, uncertainty, covariance, common_random_numbers] = search;
+  const auto& [evaluations, population, rollouts, max_rollouts, concurrent, exploration, promotions,
+               local_share, final_rollouts, bound, first_sigma, restart_sigma, restart_decades,
+               search_threads, restart_strategy, uncertainty, covariance, common_random_numbers,
+               stop_lost_causes] = search;
   // Not compared: how long the run is, and threads.
   static_cast<void>(episodes), static_cast<void>(until_solved), static_cast<void>(threads);
   static_cast<void>(rollout_threads), static_cast<void>(search_threads);
@@ -91,7 +92,8 @@ Json Settings(const Task& task, const LearnerOptions& options) {
                    {"search.uncertainty", kUncertainty.at(static_cast<std::size_t>(uncertainty))},
                    {"search.covariance", kCovariance.at(static_cast<std::size_t>(covariance))},
                    {"search.common_random_numbers",
-                    kCommonRandomNumbers.at(static_cast<std::size_t>(common_random_numbers))}};
+                    kCommonRandomNumbers.at(static_cast<std::size_t>(common_random_numbers))},
+                   {"search.stop_lost_causes", stop_lost_causes}};
   settings.update(TaskSettings(task));
   return settings;
 }

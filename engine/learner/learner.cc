@@ -131,8 +131,8 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
       CheckPlans(task, batch, policy.n_parameters(), &evaluator, model, record);
       next_check += options.search.evaluations / kPlanChecks + 1;
     }
-    evaluator.Evaluate(batch.parameters, batch.keys, batch.n_rollouts, batch.first_rollout,
-                       returns);
+    evaluator.Evaluate(batch.parameters, batch.keys, batch.n_rollouts, batch.first_rollout, returns,
+                       batch.groups);
   };
   PolicySearchResult result = SearchPolicy(options.search, FirstPolicy(state, policy), options.seed,
                                            static_cast<std::uint32_t>(record->episode), objective,
@@ -145,7 +145,7 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
   record->gp_queries = statistics.gp_queries;
   record->diverged = statistics.diverged;
   record->lane_fill =
-      static_cast<double>(statistics.rollouts) / static_cast<double>(statistics.lanes);
+      static_cast<double>(statistics.steps) / static_cast<double>(statistics.lane_steps);
   for (std::size_t e = 0; e < model->plans().size(); ++e) {
     const OutputPlan& plan = model->plans()[e];
     record->plans.push_back({plan.backend(), plan.points, plan.single_precision, plan.tau,

@@ -7,6 +7,7 @@
 #include <array>
 #include <chrono>
 #include <limits>
+#include <numeric>
 #include <string>
 #include <variant>
 
@@ -126,19 +127,14 @@ void Evaluator::SetFactors(std::span<const QueryFactor> factors) {
 
 void Evaluator::Evaluate(std::span<const double> parameters, std::span<const StreamKey> keys,
                          std::span<const int> n_rollouts, std::span<const int> first_rollout,
-                         std::span<double> returns) {
+                         std::span<double> returns, std::span<const CandidateGroup> groups) {
   const auto start = std::chrono::steady_clock::now();
-  Run(parameters, keys, n_rollouts, first_rollout, returns, nullptr);
+  Run({parameters, keys, n_rollouts, first_rollout, returns, nullptr}, groups);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   statistics_.seconds += elapsed.count();
   const double penalty = -task_.horizon;
-  const int n_lanes = static_cast<int>(lanes_.size());
   statistics_.diverged += std::count(returns.begin(), returns.end(), penalty);
-  statistics_.rollouts += n_lanes;
-  statistics_.lanes += block_tiles_ == 1
-                           ? Tiling(n_lanes, options_.threads).computed_lanes()
-                           : static_cast<std::int64_t>(WholeTiles(n_lanes)) * kTileLanes;
-  statistics_.gp_queries += std::int64_t{n_lanes} * task_.horizon * task_.n_states();
+  statistics_.rollouts += std::ssize(returns);
 }
 
 std::vector<double> Evaluator::VisitedInputs(std::span<const double> parameters,
@@ -146,42 +142,70 @@ std::vector<double> Evaluator::VisitedInputs(std::span<const double> parameters,
   const std::vector<int> one(keys.size(), 1), zero(keys.size(), 0);
   std::vector<double> returns(keys.size());
   std::vector<double> visited(keys.size() * task_.horizon * task_.n_inputs());
-  Run(parameters, keys, one, zero, returns, visited.data());
+  const EvaluatorStatistics before = statistics_;
+  Run({parameters, keys, one, zero, returns, visited.data()}, {});
+  statistics_ = before;
   return visited;
 }
 
-void Evaluator::Run(std::span<const double> parameters, std::span<const StreamKey> keys,
-                    std::span<const int> n_rollouts, std::span<const int> first_rollout,
-                    std::span<double> returns, double* visited) {
-  const int n_candidates = static_cast<int>(keys.size());
-  Require(parameters.size() == keys.size() * policy_.n_parameters(), [&] {
-    return std::to_string(parameters.size()) + " parameters for " + std::to_string(n_candidates) +
-           " candidates: must be " + std::to_string(policy_.n_parameters()) + " each";
+void Evaluator::Check(const Batch& batch) const {
+  const std::size_t n_candidates = batch.keys.size();
+  Require(batch.parameters.size() == n_candidates * policy_.n_parameters(), [&] {
+    return std::to_string(batch.parameters.size()) + " parameters for " +
+           std::to_string(n_candidates) + " candidates: must be " +
+           std::to_string(policy_.n_parameters()) + " each";
   });
-  Require(n_rollouts.size() == keys.size() && first_rollout.size() == keys.size(),
+  Require(batch.n_rollouts.size() == n_candidates && batch.first_rollout.size() == n_candidates,
           [] { return std::string("keys, n_rollouts and first_rollout must have equal sizes"); });
-  std::int64_t n_rollouts_total = 0;
-  for (const int n : n_rollouts) n_rollouts_total += n;
-  Require(n_rollouts_total <= std::numeric_limits<int>::max() - kTileLanes, [&] {
-    return std::to_string(n_rollouts_total) + " rollouts in a batch: must be less than 2^31";
+  std::int64_t n_rollouts = 0;
+  for (const int n : batch.n_rollouts) n_rollouts += n;
+  Require(n_rollouts <= std::numeric_limits<int>::max() - kTileLanes, [&] {
+    return std::to_string(n_rollouts) + " rollouts in a batch: must be less than 2^31";
   });
+  Require(std::ssize(batch.returns) == n_rollouts, [&] {
+    return "room for " + std::to_string(batch.returns.size()) + " returns: must be " +
+           std::to_string(n_rollouts);
+  });
+}
+
+void Evaluator::Run(const Batch& batch, std::span<const CandidateGroup> groups) {
+  Check(batch);
+  const std::size_t n_candidates = batch.keys.size();
+  first_return_.resize(n_candidates);
+  all_.resize(n_candidates);
+  std::exclusive_scan(batch.n_rollouts.begin(), batch.n_rollouts.end(), first_return_.begin(), 0);
+  if (groups.empty()) {
+    std::iota(all_.begin(), all_.end(), 0);
+    RunLeg(batch, {0, task_.horizon, all_});
+    return;
+  }
+  carried_.resize(std::max(carried_.size(), batch.returns.size() * task_.n_states()));
+  lost_causes_.Start(groups, batch.n_rollouts, task_.horizon);
+  for (;;) {
+    const RolloutLeg leg = lost_causes_.Next(batch.returns);
+    if (leg.candidates.empty()) return;
+    RunLeg(batch, leg);
+  }
+}
+
+void Evaluator::RunLeg(const Batch& batch, const RolloutLeg& leg) {
   lanes_.clear();
-  for (int c = 0; c < n_candidates; ++c) {
-    for (int r = 0; r < n_rollouts[c]; ++r) {
-      lanes_.push_back({c, static_cast<std::uint32_t>(first_rollout[c] + r)});
+  for (const int c : leg.candidates) {
+    for (int r = 0; r < batch.n_rollouts[c]; ++r) {
+      lanes_.push_back(
+          {c, static_cast<std::uint32_t>(batch.first_rollout[c] + r), first_return_[c] + r});
     }
   }
   const int n_lanes = static_cast<int>(lanes_.size());
-  Require(returns.size() == lanes_.size(), [&] {
-    return "room for " + std::to_string(returns.size()) + " returns: must be " +
-           std::to_string(n_lanes);
-  });
+  const std::int64_t n_steps = leg.end - leg.begin;
+  statistics_.steps += n_steps * n_lanes;
+  statistics_.gp_queries += n_steps * n_lanes * task_.n_states();
   const auto run_block = [&](int first, int n) {
-    RunBlock(parameters, keys, first, n, scratch_.data() + scratch_size_ * omp_get_thread_num(),
-             returns.data() + first, visited);
+    RunBlock(batch, leg, first, n, scratch_.data() + scratch_size_ * omp_get_thread_num());
   };
   if (block_tiles_ == 1) {
     const Tiling tiles(n_lanes, options_.threads);
+    statistics_.lane_steps += n_steps * tiles.computed_lanes();
 #pragma omp parallel for schedule(dynamic, 1) num_threads(options_.threads)
     for (int tile = 0; tile < tiles.count(); ++tile) run_block(tiles.First(tile), tiles.Size(tile));
     return;
@@ -190,6 +214,7 @@ void Evaluator::Run(std::span<const double> parameters, std::span<const StreamKe
   // packing, it is the same for any number of threads.
   const std::int64_t n_tiles = WholeTiles(n_lanes);
   const std::int64_t n_blocks = (n_tiles + block_tiles_ - 1) / block_tiles_;
+  statistics_.lane_steps += n_steps * n_tiles * kTileLanes;
 #pragma omp parallel for schedule(dynamic, 1) num_threads(options_.threads)
   for (std::int64_t block = 0; block < n_blocks; ++block) {
     const int first = static_cast<int>(block * n_tiles / n_blocks) * kTileLanes;
@@ -198,20 +223,26 @@ void Evaluator::Run(std::span<const double> parameters, std::span<const StreamKe
   }
 }
 
-void Evaluator::PackTile(std::span<const double> parameters, std::span<const StreamKey> keys,
-                         int first, int n, TileScratch* scratch) const {
+void Evaluator::PackTile(const Batch& batch, int first, int n, TileScratch* scratch) const {
   TileScratch& s = *scratch;
   const int n_parameters = policy_.n_parameters();
   for (int lane = 0; lane < kTileLanes; ++lane) {
     // Idle lanes repeat the first: finite work whose result is dropped.
     const Lane& source = lanes_[first + (lane < n ? lane : 0)];
     const double* row =
-        parameters.data() + static_cast<std::size_t>(source.candidate) * n_parameters;
+        batch.parameters.data() + static_cast<std::size_t>(source.candidate) * n_parameters;
     for (int p = 0; p < n_parameters; ++p) s.parameters[p * kTileLanes + lane] = row[p];
-    s.keys0[lane] = keys[source.candidate].word0;
-    s.keys1[lane] = keys[source.candidate].word1;
+    s.keys0[lane] = batch.keys[source.candidate].word0;
+    s.keys1[lane] = batch.keys[source.candidate].word1;
     s.rollouts[lane] = source.rollout;
   }
+  // Lanes beyond n need not be queried: their means stay at what they are here.
+  std::fill_n(s.means, kTileLanes * task_.n_states(), 0.0);
+  std::fill_n(s.variances, kTileLanes * task_.n_states(), 0.0);
+}
+
+void Evaluator::StartTile(TileScratch* scratch) const {
+  TileScratch& s = *scratch;
   NormalTile(s.keys0, s.keys1, s.rollouts, kStartStep, task_.n_states(), s.states);
   for (int e = 0; e < task_.n_states(); ++e) {
     for (int lane = 0; lane < kTileLanes; ++lane) {
@@ -221,10 +252,27 @@ void Evaluator::PackTile(std::span<const double> parameters, std::span<const Str
   }
   std::fill_n(s.sums, kTileLanes, 0.0);
   std::fill_n(s.alive, kTileLanes, 1.0);
-  // Lanes beyond n need not be queried: their means stay at what they are here.
-  std::fill_n(s.means, kTileLanes * task_.n_states(), 0.0);
-  std::fill_n(s.variances, kTileLanes * task_.n_states(), 0.0);
-  FeatureTile(task_.features.data(), task_.n_features(), s.states, s.inputs);
+}
+
+void Evaluator::LoadTile(const Batch& batch, int first, int n, TileScratch* scratch) const {
+  TileScratch& s = *scratch;
+  const int n_states = task_.n_states();
+  for (int lane = 0; lane < kTileLanes; ++lane) {
+    const int index = lanes_[first + (lane < n ? lane : 0)].index;
+    for (int e = 0; e < n_states; ++e) {
+      s.states[e * kTileLanes + lane] = carried_[static_cast<std::size_t>(index) * n_states + e];
+    }
+    s.sums[lane] = batch.returns[index];
+    s.alive[lane] = batch.returns[index] == -task_.horizon ? 0 : 1;
+  }
+}
+
+void Evaluator::SaveTile(int first, int n, const TileScratch& s) {
+  const int n_states = task_.n_states();
+  for (int lane = 0; lane < n; ++lane) {
+    const auto at = static_cast<std::size_t>(lanes_[first + lane].index) * n_states;
+    for (int e = 0; e < n_states; ++e) carried_[at + e] = s.states[e * kTileLanes + lane];
+  }
 }
 
 void Evaluator::ActTile(std::uint32_t step, int first, int n, const TileScratch& s,
@@ -278,22 +326,28 @@ void Evaluator::AdvanceTile(std::uint32_t step, const TileScratch& s) const {
   for (int lane = 0; lane < kTileLanes; ++lane) s.sums[lane] += s.rewards[lane];
 }
 
-void Evaluator::RunBlock(std::span<const double> parameters, std::span<const StreamKey> keys,
-                         int first, int n, double* scratch, double* returns,
-                         double* visited) const {
+void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, int n,
+                         double* scratch) {
   std::array<TileScratch, kBlasTiles> all_tiles;
   const int n_tiles = WholeTiles(n);
   const std::span<TileScratch> tiles(all_tiles.data(), n_tiles);
   double* const gp_scratch = scratch + block_tiles_ * tile_size_;
   for (int t = 0; t < n_tiles; ++t) {
+    TileScratch* const tile = &tiles[t];
     const int before = t * kTileLanes;
-    tiles[t].Carve(task_, policy_.n_parameters(), scratch + t * tile_size_);
-    PackTile(parameters, keys, first + before, TileLanes(n, before), &tiles[t]);
+    tile->Carve(task_, policy_.n_parameters(), scratch + t * tile_size_);
+    PackTile(batch, first + before, TileLanes(n, before), tile);
+    if (leg.begin == 0) {
+      StartTile(tile);
+    } else {
+      LoadTile(batch, first + before, TileLanes(n, before), tile);
+    }
+    FeatureTile(task_.features.data(), task_.n_features(), tile->states, tile->inputs);
   }
-  for (int step = 0; step < task_.horizon; ++step) {
+  for (int step = leg.begin; step < leg.end; ++step) {
     for (int t = 0; t < n_tiles; ++t) {
       const int before = t * kTileLanes;
-      ActTile(step, first + before, TileLanes(n, before), tiles[t], visited);
+      ActTile(step, first + before, TileLanes(n, before), tiles[t], batch.visited);
     }
     QueryBlock(n, tiles, gp_scratch);
     for (const TileScratch& tile : tiles) AdvanceTile(step, tile);
@@ -301,7 +355,12 @@ void Evaluator::RunBlock(std::span<const double> parameters, std::span<const Str
   for (int lane = 0; lane < n; ++lane) {
     const TileScratch& s = tiles[lane / kTileLanes];
     const int at = lane % kTileLanes;
-    returns[lane] = s.alive[at] != 0 ? s.sums[at] : -task_.horizon;
+    batch.returns[lanes_[first + lane].index] = s.alive[at] != 0 ? s.sums[at] : -task_.horizon;
+  }
+  if (leg.end == task_.horizon) return;
+  for (int t = 0; t < n_tiles; ++t) {
+    const int before = t * kTileLanes;
+    SaveTile(first + before, TileLanes(n, before), tiles[t]);
   }
 }
 

@@ -5,7 +5,9 @@
 #include <span>
 #include <vector>
 
+#include "engine/candidate_group.h"
 #include "engine/gp/query_plan.h"
+#include "engine/rollout/lost_causes.h"
 #include "engine/rollout/policy.h"
 #include "engine/rollout/task.h"
 #include "kernels/aligned.h"
@@ -24,8 +26,9 @@ struct EvaluatorOptions {
 // Counts of all Evaluate calls so far.
 struct EvaluatorStatistics {
   std::int64_t rollouts = 0;
-  std::int64_t gp_queries = 0;  // rollouts x horizon x E
-  std::int64_t lanes = 0;       // computed, idle ones in vectors included: fill = rollouts / lanes
+  std::int64_t steps = 0;       // rollouts x horizon, less those of lost causes
+  std::int64_t gp_queries = 0;  // steps x E
+  std::int64_t lane_steps = 0;  // computed, idle lanes in vectors included: fill = steps / this
   std::int64_t diverged = 0;    // rollouts that got the penalty
   double seconds = 0;           // wall time of the calls; no result depends on it
 };
@@ -54,9 +57,16 @@ class Evaluator {
   // (n x P row-major), runs n_rollouts[c] rollouts numbered from first_rollout[c] with stream
   // keys[c]; returns are written candidate after candidate. Start states are start_mean +
   // start_std z. Not thread-safe; scratch grows only when a batch is larger than all before.
+  //
+  // groups: if not empty, they cover the candidates in order (n_rollouts >= 1, n_exact >= 1), and
+  // rollouts stop once their candidate cannot be among the n_exact best of its group any more
+  // (lost_causes.h). Those that are, and their order, are as without groups, and so are the bits of
+  // all returns of candidates that run to the end (with OpenBLAS up to rounding). The return of a
+  // rollout that was stopped is its sum so far, and at most what it would have been unless it would
+  // have diverged; its candidate's mean is below that of the n_exact best.
   void Evaluate(std::span<const double> parameters, std::span<const StreamKey> keys,
                 std::span<const int> n_rollouts, std::span<const int> first_rollout,
-                std::span<double> returns);
+                std::span<double> returns, std::span<const CandidateGroup> groups = {});
 
   // The model's inputs (features, action) that one rollout a candidate meets: row c horizon + t of
   // the result (n horizon x D, row-major) is that of candidate c at step t. Not counted in the
@@ -67,27 +77,39 @@ class Evaluator {
   const EvaluatorStatistics& statistics() const { return statistics_; }
 
  private:
+  struct Batch {
+    std::span<const double> parameters;
+    std::span<const StreamKey> keys;
+    std::span<const int> n_rollouts, first_rollout;
+    std::span<double> returns;
+    double* visited;  // as VisitedInputs, or nullptr
+  };
   struct Lane {
     int candidate;
     std::uint32_t rollout;
+    int index;  // of its return
   };
   struct TileScratch;
-  // Runs lanes [first, first + n), a block, through all steps and writes their returns. `scratch`
+  void Check(const Batch& batch) const;
+  // All steps of all rollouts, or what LostCauses asks for.
+  void Run(const Batch& batch, std::span<const CandidateGroup> groups);
+  // Steps [leg.begin, leg.end) of some candidates' rollouts. From the end of a leg before the
+  // horizon to the beginning of the next, returns hold sums so far, or the penalty.
+  void RunLeg(const Batch& batch, const RolloutLeg& leg);
+  // Runs lanes [first, first + n), a block, through the leg and writes their returns. `scratch`
   // holds scratch_size_ doubles.
-  void RunBlock(std::span<const double> parameters, std::span<const StreamKey> keys, int first,
-                int n, double* scratch, double* returns, double* visited) const;
-  void PackTile(std::span<const double> parameters, std::span<const StreamKey> keys, int first,
-                int n, TileScratch* scratch) const;
-  // Actions of the tile's first n lanes, which are lanes [first, first + n) of the batch.
+  void RunBlock(const Batch& batch, const RolloutLeg& leg, int first, int n, double* scratch);
+  void PackTile(const Batch& batch, int first, int n, TileScratch* scratch) const;
+  void StartTile(TileScratch* scratch) const;
+  // A tile's states, sums and whether it has diverged, between two legs.
+  void LoadTile(const Batch& batch, int first, int n, TileScratch* scratch) const;
+  void SaveTile(int first, int n, const TileScratch& scratch);
+  // Actions of the tile's first n lanes, which are lanes [first, first + n) of the leg.
   void ActTile(std::uint32_t step, int first, int n, const TileScratch& scratch,
                double* visited) const;
   // Means and variances of all outputs for the block's n lanes.
   void QueryBlock(int n, std::span<const TileScratch> tiles, double* gp_scratch) const;
   void AdvanceTile(std::uint32_t step, const TileScratch& scratch) const;
-  // Evaluate without statistics; visited as VisitedInputs, or nullptr.
-  void Run(std::span<const double> parameters, std::span<const StreamKey> keys,
-           std::span<const int> n_rollouts, std::span<const int> first_rollout,
-           std::span<double> returns, double* visited);
 
   const Task& task_;
   const Policy& policy_;
@@ -97,7 +119,11 @@ class Evaluator {
   std::size_t tile_size_ = 0;     // doubles of scratch a tile
   std::size_t scratch_size_ = 0;  // doubles a thread: the block's tiles and a query's
   AlignedVector<double> scratch_;
-  std::vector<Lane> lanes_;
+  std::vector<Lane> lanes_;  // of the leg
+  LostCauses lost_causes_;
+  std::vector<int> all_;           // candidates by index
+  std::vector<int> first_return_;  // of each candidate
+  std::vector<double> carried_;    // states (E) of each rollout between two legs
   EvaluatorStatistics statistics_;
 };
 

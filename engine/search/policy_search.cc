@@ -213,11 +213,15 @@ bool PolicySearch::RunGeneration(double share) {
   batch_.n_rollouts.resize(batch_.n_candidates);
   batch_.first_rollout.assign(batch_.n_candidates, 0);
   batch_.returns.resize(batch_.n_returns);
+  batch_.groups.clear();
+  if (options_.stop_lost_causes) {
+    for (const SearchRun& running : runs_) batch_.groups.push_back(running.group());
+  }
   const int n_runs = static_cast<int>(runs_.size());
   const auto run = [this](int i) -> SearchRun& { return runs_[static_cast<std::size_t>(i)]; };
   ParallelFor(n_runs, options_.threads, [&](int i) { run(i).Ask(&batch_); });
   objective_({static_cast<int>(batch_.n_candidates), batch_.parameters, batch_.keys,
-              batch_.n_rollouts, batch_.first_rollout},
+              batch_.n_rollouts, batch_.first_rollout, batch_.groups},
              batch_.returns);
   ParallelFor(n_runs, options_.threads, [&](int i) { run(i).Tell(batch_); });
   evaluations_ += static_cast<std::int64_t>(batch_.n_returns);

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "engine/candidate_group.h"
 #include "engine/search/strategy_parameters.h"
 #include "kernels/philox/philox.h"
 
@@ -64,17 +65,23 @@ struct PolicySearchOptions {
   UncertaintyHandling uncertainty = UncertaintyHandling::kOff;
   CovarianceForm covariance = CovarianceForm::kAuto;  // what CMA-ES adapts beside mean and sigma
   CommonRandomNumbers common_random_numbers = CommonRandomNumbers::kOff;
+  // Tells the objective which candidates compete in a generation, so that it may stop rollouts that
+  // can no longer matter. Not with kSigma or kRollouts, which rank all.
+  bool stop_lost_causes = false;
 };
 
 // Evaluates a batch: parameters are rows of `parameters` (n_candidates x P, row-major, within the
 // bounds), candidate c is run n_rollouts[c] times with the streams (keys[c], rollout index) and
 // the sums of rewards of its rollouts are written one after the other, candidate after candidate.
+// groups: with stop_lost_causes, the candidates that one generation of a run compares; their
+// parents and the median must be exact, the others only worse. Otherwise empty: all must be exact.
 struct CandidateBatch {
   int n_candidates = 0;
   std::span<const double> parameters;
   std::span<const StreamKey> keys;
   std::span<const int> n_rollouts;
   std::span<const int> first_rollout;  // rollout indices of candidate c start here
+  std::span<const CandidateGroup> groups = {};
 };
 using BatchObjective = std::function<void(const CandidateBatch& batch, std::span<double> returns)>;
 

@@ -55,6 +55,11 @@ void CheckPolicySearchOptions(const PolicySearchOptions& options, std::span<cons
     Refuse("uncertainty", "lra",
            "off, sigma or rollouts where search.covariance is limited-memory");
   }
+  if (options.stop_lost_causes && (options.uncertainty == UncertaintyHandling::kSigma ||
+                                   options.uncertainty == UncertaintyHandling::kRollouts)) {
+    Refuse("stop_lost_causes", "true",
+           "false where search.uncertainty is sigma or rollouts, which rank all candidates");
+  }
   CheckPositive("bound", options.bound);
   CheckPositive("first_sigma", options.first_sigma);
   CheckPositive("restart_sigma", options.restart_sigma);

@@ -18,6 +18,7 @@ struct SearchBatch {
   std::vector<double> parameters, returns;
   std::vector<StreamKey> keys;
   std::vector<int> n_rollouts, first_rollout;
+  std::vector<CandidateGroup> groups;
   std::size_t n_candidates = 0, n_returns = 0;  // laid out so far
 };
 
@@ -38,6 +39,8 @@ class SearchRun {
   // Goes on with at least so many rollouts a candidate (under kRollouts within its limit).
   void Promote(int min_rollouts);
   bool promoted() const { return promoted_; }
+  // What of the ranking matters: the parents, and the median, which stopping criteria look at.
+  CandidateGroup group() const { return {plan_.population, plan_.population / 2 + 1}; }
   // Rollouts of this generation.
   std::int64_t n_returns() const { return static_cast<std::int64_t>(n_candidates() * n_rollouts_); }
 

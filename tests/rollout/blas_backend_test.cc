@@ -58,8 +58,10 @@ TEST_CASE("blas backend: returns agree with the fused kernel's for every size") 
       CAPTURE(lanes);
       CHECK(Worst(blas.Returns(lanes, 1, {}), fused.Returns(lanes, 1, {}),
                   shifted.Returns(lanes, 1, {}), n_points) <= 1);
-      CHECK(blas.statistics.lanes == (lanes + kTileLanes - 1) / kTileLanes * kTileLanes);
-      CHECK(fused.statistics.lanes == (lanes + 15) / 16 * 16);  // whole vectors
+      CHECK(blas.statistics.lane_steps ==
+            kHorizon * ((lanes + kTileLanes - 1) / kTileLanes * kTileLanes));
+      // Whole vectors.
+      CHECK(fused.statistics.lane_steps == kHorizon * ((lanes + 15) / 16 * 16));
     }
   }
 }

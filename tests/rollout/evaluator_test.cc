@@ -176,7 +176,7 @@ TEST_CASE("evaluator: counts rollouts, queries and lanes") {
   f.Returns(25, 2, {});
   CHECK(f.statistics.rollouts == 50);
   CHECK(f.statistics.gp_queries == 50 * 6 * 2);
-  CHECK(f.statistics.lanes == 64);  // whole vectors of 16
+  CHECK(f.statistics.lane_steps == 64 * 6);  // whole vectors of 16
   CHECK(f.statistics.seconds > 0);
 }
 
@@ -190,10 +190,13 @@ TEST_CASE("evaluator: a second batch of the same size does not allocate") {
     std::vector<double> theta(n * f.policy->n_parameters(), 0.1), returns(2 * n);
     std::vector<StreamKey> keys(n);
     std::vector<int> two(n, 2), zero(n, 0);
-    evaluator.Evaluate(theta, keys, two, zero, returns);
-    const long before = allocations;
-    evaluator.Evaluate(theta, keys, two, zero, returns);
-    CHECK(allocations == before);
+    const std::vector<CandidateGroup> all_matter, groups = {{n / 2, 5}, {n / 2, 20}};
+    for (const auto& g : {all_matter, groups}) {
+      evaluator.Evaluate(theta, keys, two, zero, returns, g);
+      const long before = allocations;
+      evaluator.Evaluate(theta, keys, two, zero, returns, g);
+      CHECK(allocations == before);
+    }
   }
 }
 

@@ -208,5 +208,36 @@ TEST_CASE("policy_search: the predicted return of the winner is unbiased") {
   CHECK(largest / kSearches > 4 * standard_error);  // what the comparison would have said
 }
 
+TEST_CASE("policy_search: candidates of a generation compete, those of a comparison do not") {
+  PolicySearchOptions options = SmallOptions();
+  options.population = 11;
+  const BatchObjective inner = Noisy(Hill, 1);
+  const PolicySearchResult without = Search(options, [&](const auto& batch, auto returns) {
+    CHECK(batch.groups.empty());
+    inner(batch, returns);
+  });
+  options.stop_lost_causes = true;
+  int generations = 0, comparisons = 0;
+  const PolicySearchResult with = Search(options, [&](const auto& batch, auto returns) {
+    inner(batch, returns);
+    if (batch.n_rollouts[0] > 2) {
+      CHECK(batch.groups.empty());
+      ++comparisons;
+      return;
+    }
+    ++generations;
+    CHECK(static_cast<int>(batch.groups.size()) == batch.n_candidates / 11);
+    for (const CandidateGroup& group : batch.groups) {
+      CHECK(group.n_candidates == 11);
+      CHECK(group.n_exact == 6);  // five parents and the median
+    }
+  });
+  CHECK(generations > 100);
+  CHECK(comparisons >= 4);
+  // This objective stops nothing.
+  CHECK(with.parameters == without.parameters);
+  CHECK(with.evaluations == without.evaluations);
+}
+
 }  // namespace
 }  // namespace downpour

@@ -281,6 +281,10 @@ TEST_CASE("policy_search: options out of range are refused by name") {
   refused("restart_sigma", [](auto& o) { o.restart_sigma = -1; });
   refused("restart_decades", [](auto& o) { o.restart_decades = 11; });
   refused("restart_decades", [&](auto& o) { o.restart_decades = nan; });
+  for (const auto reevaluates : {UncertaintyHandling::kSigma, UncertaintyHandling::kRollouts}) {
+    refused("stop_lost_causes",
+            [&](auto& o) { o.stop_lost_causes = true, o.uncertainty = reevaluates; });
+  }
   CHECK_THROWS_AS(SearchPolicy(SmallOptions(), {}, 1, 1, Noisy(Hill, 1), {}, nullptr),
                   InvalidInput);
   CHECK_THROWS_AS(

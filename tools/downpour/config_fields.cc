@@ -208,6 +208,10 @@ std::vector<Field> SearchFields(PolicySearchOptions& search) {
        .choices = {"off", "generation", "search"},
        .description = "Rollouts that meet the same random numbers: none, those of a generation of "
                       "a run, or all of a search."},
+      {.key = "search.stop_lost_causes",
+       .option = "",
+       .target = &search.stop_lost_causes,
+       .description = "Stop rollouts of candidates that cannot be among the better half any more."},
   };
 }
 
