@@ -37,23 +37,28 @@ def tables():
     sigmas = [0.1, 0.25, 0.5, 1, 2.5, 5]
     restarts = ["single", "ipop", "bipop", "small"]
     one = {"exploration": 1, "concurrent": 1}
-    halving = [{"exploration": 1}, {"exploration": 0.55, "promotions": 2},
-               {"exploration": 0.3, "promotions": 3}]
+    all_alike = {"restarts": "small", "exploration": 1}
+    halving = [{"restarts": "small", "exploration": 0.55, "promotions": 2},
+               {"restarts": "small", "exploration": 0.3, "promotions": 3}]
     return {
         # One run, no restart: lambda x sigma_0 x start.
         "fixed": [{**one, "restarts": "single", **row} for row in product(
-            population=[16, 32, 64], first_sigma=sigmas, start=["last", "zero", "uniform"])],
+            population=[16, 32], first_sigma=sigmas, start=["last", "zero", "uniform"])],
         # Restart strategies one run at a time, and what they do about noise.
         "restarts": [{**one, "population": 16, **row} for row in
-                     product(restarts=restarts, uncertainty=["off", "sigma", "rollouts", "lra"])
+                     product(restarts=restarts, uncertainty=["off", "rollouts"])
+                     + product(restarts=["single", "small"], uncertainty=["sigma", "lra"])
                      + product(restarts=restarts, rollouts=[5, 20])
-                     + product(restarts=restarts, common_random_numbers=["generation", "search"])],
+                     + product(restarts=["single", "small"],
+                               common_random_numbers=["generation", "search"])],
         # Who gets the budget: so many runs side by side, some of them from the last policy, and
         # successive halving or not.
-        "allocation": [{"restarts": "small", **selection, **row} for selection in halving for row in
-                       product(concurrent=[1, 4, 8, 16], local_share=[0, 0.5],
-                               first_sigma=[0.25, 0.5])
-                       if selection["exploration"] == 1 or row["concurrent"] > 1],
+        "allocation": [{**all_alike, **row} for row in
+                       product(concurrent=[1, 4, 8], local_share=[0, 0.5],
+                               first_sigma=[0.25, 0.5])]
+                      + [{**selection, **row} for selection in halving for row in
+                         product(concurrent=[4, 8], local_share=[0.5], first_sigma=[0.25])
+                         + product(concurrent=[8], local_share=[0], first_sigma=[0.5])],
     }
 
 
