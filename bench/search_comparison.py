@@ -33,7 +33,8 @@ def product(**choices):
     return rows
 
 
-def tables():
+def tables(task):
+    usual = {"cartpole": 0.5, "pendulum": 1}[task]  # first_sigma before this study
     sigmas = [0.1, 0.25, 0.5, 1, 2.5, 5]
     restarts = ["single", "ipop", "bipop", "small"]
     one = {"exploration": 1, "concurrent": 1}
@@ -55,10 +56,10 @@ def tables():
         # successive halving or not.
         "allocation": [{**all_alike, **row} for row in
                        product(concurrent=[1, 4, 8], local_share=[0, 0.5],
-                               first_sigma=[0.25, 0.5])]
+                               first_sigma=[0.25, usual])]
                       + [{**selection, **row} for selection in halving for row in
                          product(concurrent=[4, 8], local_share=[0.5], first_sigma=[0.25])
-                         + product(concurrent=[8], local_share=[0], first_sigma=[0.5])],
+                         + product(concurrent=[8], local_share=[0], first_sigma=[usual])],
     }
 
 
@@ -148,7 +149,7 @@ def main():
     arguments = parser.parse_args()
     settings, seen = [], set()
     for table in arguments.tables.split(","):
-        for setting in tables()[table]:
+        for setting in tables(arguments.task)[table]:
             if name_of(setting) not in seen:
                 seen.add(name_of(setting))
                 settings.append(setting)
