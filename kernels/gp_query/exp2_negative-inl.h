@@ -12,6 +12,7 @@
 #include <iterator>
 
 #include "hwy/highway.h"
+#include "kernels/gp_query/exp2_table-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace downpour {
@@ -48,6 +49,9 @@ struct Exp2NegativeConstants<float> {
 // or NaN.
 template <int kCount, class D, class V = hn::Vec<D>>
 HWY_INLINE void Exp2Negative(D d, V (&s)[kCount]) {
+#if HWY_TARGET <= HWY_AVX3
+  Exp2ByTable(d, s);
+#else
   using T = hn::TFromD<D>;
   using C = Exp2NegativeConstants<T>;
   const hn::Rebind<typename C::Bits, D> d_bits;
@@ -69,6 +73,7 @@ HWY_INLINE void Exp2Negative(D d, V (&s)[kCount]) {
   for (int i = 0; i < kCount; ++i) {
     s[i] = hn::Mul(hn::MulAdd(p[i], s[i], hn::Set(d, T(1))), power[i]);
   }
+#endif
 }
 
 }  // namespace HWY_NAMESPACE
