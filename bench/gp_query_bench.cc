@@ -2,10 +2,12 @@
 // Mean and variance of one GP output on one thread: the tile kernel in both precisions, one query
 // at a time as GP libraries do it, and OpenBLAS on a batch: the backend (blas_dtrmm) and what other
 // calls and single precision make of it. As in rollouts, four outputs take turns, so that a factor
-// has left the nearer caches when its turn comes again. Names: variant/n/D/lanes.
-// Counters, work counted as n (n + 8) operations a query: ns_per_query, queries_per_s, gflops, and
-// peak_fraction of the multiply-add peak of the same precision, measured around each run. On a
-// shared machine take the best of interleaved repetitions:
+// has left the nearer caches when its turn comes again. Names: variant/n/D/lanes; triangle_* is a
+// tile's variance without its covariances.
+// Counters, work counted as n (n + 8) operations a query: ns_per_query, queries_per_s, gflops,
+// peak_fraction of the multiply-add peak of the same precision, measured around each run, and
+// over_floor, its inverse: time over n (n + 8)/peak. On a shared machine take the best of
+// interleaved repetitions:
 //   gp_query_bench --benchmark_repetitions=9 --benchmark_enable_random_interleaving=true
 //                  --benchmark_filter=/320/6/
 #include <benchmark/benchmark.h>
@@ -106,23 +108,29 @@ const Models& ModelsOf(int n, int dim) {
   return all.try_emplace({n, dim}, n, dim).first->second;
 }
 
+using Clock = std::chrono::steady_clock;
+
 // Time of a run, and the multiply-add peak around it (mean of before and after): the clock of a
 // shared machine changes by a fifth within seconds. Starts at its construction.
 template <typename T>
 class Run {
  public:
   void Report(benchmark::State& state, int n, int lanes) const {
-    const double seconds = std::chrono::duration<double>(Clock::now() - start_).count();
+    Report(state, n, lanes, std::chrono::duration<double>(Clock::now() - start_).count());
+  }
+  // The same where `seconds` of the run count.
+  void Report(benchmark::State& state, int n, int lanes, double seconds) const {
     const double queries = static_cast<double>(state.iterations()) * lanes;
     const double gflops = queries * n * (n + 8.0) * 1e-9 / seconds;
     state.counters["ns_per_query"] = seconds / queries * 1e9;
     state.counters["queries_per_s"] = queries / seconds;
     state.counters["gflops"] = gflops;
-    state.counters["peak_fraction"] = gflops / (0.5 * (peak_before_ + Peak()));
+    const double peak = 0.5 * (peak_before_ + Peak());
+    state.counters["peak_fraction"] = gflops / peak;
+    state.counters["over_floor"] = peak / gflops;
   }
 
  private:
-  using Clock = std::chrono::steady_clock;
   static double Peak() { return FmaPeakGflops(sizeof(T) == 4, 0.003); }
   double peak_before_ = Peak();
   Clock::time_point start_ = Clock::now();
@@ -142,6 +150,31 @@ void Tile(benchmark::State& state, int n, int dim, int lanes, bool variance) {
     output = (output + 1) % kOutputs;
   }
   run.Report(state, n, lanes);
+}
+
+// What the variance adds to the mean: whole and mean-only queries take turns.
+template <typename T>
+void Triangle(benchmark::State& state, int n, int dim) {
+  const Models& m = ModelsOf(n, dim);
+  AlignedVector<char> scratch(GpQueryScratchBytes(m.Factor<T>(0)));
+  AlignedVector<double> means(kTileLanes), variances(kTileLanes);
+  const auto seconds_of = [&](int output, double* variance) {
+    const Clock::time_point start = Clock::now();
+    GpQueryTile(m.Factor<T>(output), kTileLanes, m.x.data(), scratch.data(), means.data(),
+                variance);
+    benchmark::ClobberMemory();
+    return std::chrono::duration<double>(Clock::now() - start).count();
+  };
+  int output = 0;
+  double seconds = 0;
+  const Run<T> run;
+  for (auto _ : state) {
+    const double triangle = seconds_of(output, variances.data()) - seconds_of(output, nullptr);
+    state.SetIterationTime(triangle);
+    seconds += triangle;
+    output = (output + 1) % kOutputs;
+  }
+  run.Report(state, n, kTileLanes, seconds);
 }
 
 void PerQuery(benchmark::State& state, int n, int dim) {
@@ -301,10 +334,13 @@ void BlasBackend(benchmark::State& state, int n, int dim, int tiles) {
 void RegisterAll() {
   for (const int n : {40, 80, 160, 320, 600, 640, 1280, 2560}) {
     for (const int dim : {4, 6, 12}) {
-      const auto add = [&](const std::string& variant, int lanes, const auto& run) {
+      const auto add_row = [&](const std::string& variant, int lanes, const auto& run) {
         const std::string name = variant + "/" + std::to_string(n) + "/" + std::to_string(dim) +
                                  "/" + std::to_string(lanes);
-        benchmark::RegisterBenchmark(name.c_str(), run)->MinTime(0.05)->UseRealTime();
+        return benchmark::RegisterBenchmark(name.c_str(), run)->MinTime(0.05);
+      };
+      const auto add = [&](const std::string& variant, int lanes, const auto& run) {
+        add_row(variant, lanes, run)->UseRealTime();
       };
       for (const int lanes : {1, 8, 16, 24, 40, 48}) {
         add("tile_fp64", lanes, [=](auto& s) { Tile<double>(s, n, dim, lanes, true); });
@@ -312,6 +348,12 @@ void RegisterAll() {
       }
       add("tile_fp64_mean_only", 48, [=](auto& s) { Tile<double>(s, n, dim, 48, false); });
       add("tile_fp32_mean_only", 48, [=](auto& s) { Tile<float>(s, n, dim, 48, false); });
+      add_row("triangle_fp64", kTileLanes, [=](auto& s) {
+        Triangle<double>(s, n, dim);
+      })->UseManualTime();
+      add_row("triangle_fp32", kTileLanes, [=](auto& s) {
+        Triangle<float>(s, n, dim);
+      })->UseManualTime();
       add("per_query", 1, [=](auto& s) { PerQuery(s, n, dim); });
       for (const int tiles : {1, kBlasTiles, kBlasBatch / kTileLanes}) {
         add("blas_dtrmm", tiles * kTileLanes, [=](auto& s) { BlasBackend(s, n, dim, tiles); });
