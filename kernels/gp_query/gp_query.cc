@@ -44,9 +44,9 @@ HWY_INLINE void PlanFetches(const TriangleChunk& chunk, const T* next_chunk, con
   const int share = (2 * kRowBlock + n_groups - 1) / n_groups;  // elements at a pair of columns
   const T* const from = next_chunk + chunk.size * group / n_groups;
   if (share * sizeof(T) <= 64) {
-    const int column = chunk.column + kChunkColumns;
+    const int column = chunk.end_column < chunk.end_row ? chunk.end_column : 0;
     fetch[0] = {from, share};
-    fetch[1] = {e + (column <= chunk.row ? column : 0) * lanes, 2 * kRowBlock * lanes / kChunkRows};
+    fetch[1] = {e + column * lanes, 2 * kRowBlock * lanes / kChunkRows};
   } else {  // one group of double has two lines to fetch
     fetch[0] = {from, share / 2};
     fetch[1] = {from + chunk.size / 2, share / 2};

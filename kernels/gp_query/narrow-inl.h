@@ -201,7 +201,7 @@ void QueryOneByOne(const GpFactorT<T>& f, int n_lanes, const double* HWY_RESTRIC
       for (int lane = 0; lane < n_lanes; ++lane) {
         const Group<T> query = query_at(lane);
         NarrowChunk(chunk, f.triangle.data() + chunk.offset, query.e + chunk.column, query.rows);
-        if (chunk.column + kChunkColumns > chunk.row) SubtractRows(f, chunk, query);
+        if (chunk.end_column == chunk.end_row) SubtractRows(f, chunk, query);
       }
     });
   }
