@@ -12,7 +12,7 @@ BoxTransform::BoxTransform(double lower, double upper)
       lower_margin_(std::min((upper - lower) / 2, (1 + std::abs(lower)) / 20)),
       upper_margin_(std::min((upper - lower) / 2, (1 + std::abs(upper)) / 20)) {}
 
-double BoxTransform::ToBox(double x) const {
+double BoxTransform::Mirrored(double x) const {
   // Into one period, symmetric about the box, then mirrored into the invertible part.
   const double lowest = lower_ - 2 * lower_margin_ - (upper_ - lower_) / 2;
   const double period = 2 * (upper_ - lower_ + lower_margin_ + upper_margin_);
@@ -21,7 +21,12 @@ double BoxTransform::ToBox(double x) const {
   const double first = lower_ - lower_margin_, last = upper_ + upper_margin_;
   if (x < first) x = 2 * first - x;
   if (x > last) x = 2 * last - x;
+  return x;
+}
 
+double BoxTransform::ToBox(double x) const {
+  const double first = lower_ - lower_margin_, last = upper_ + upper_margin_;
+  if (!(x >= first && x <= last)) x = Mirrored(x);
   if (x < lower_ + lower_margin_) {
     return lower_ + (x - first) * (x - first) / (4 * lower_margin_);
   }

@@ -18,6 +18,9 @@ class BoxTransform {
   double FromBox(double y) const;
 
  private:
+  // The number in [lower - a, upper + a] that x is mirrored to.
+  double Mirrored(double x) const;
+
   double lower_, upper_;
   double lower_margin_, upper_margin_;  // a: half-widths of the quadratic pieces
 };

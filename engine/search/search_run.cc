@@ -90,19 +90,19 @@ void SearchRun::Plan(SearchBatch* batch) {
   batch->n_returns += static_cast<std::size_t>(n_returns());
 }
 
-StreamKey SearchRun::RolloutKey(StreamPurpose purpose, std::size_t candidate) const {
+void SearchRun::FillRolloutKeys(StreamPurpose purpose, std::span<StreamKey> keys) const {
   const auto run = static_cast<std::uint32_t>(plan_.run);
   const auto generation = static_cast<std::uint32_t>(cma_.generation());
   switch (common_random_numbers_) {
     case CommonRandomNumbers::kSearch:
-      return DeriveKey(seed_, purpose, {episode_});
+      std::fill(keys.begin(), keys.end(), DeriveKey(seed_, purpose, {episode_}));
+      return;
     case CommonRandomNumbers::kGeneration:
-      return DeriveKey(seed_, purpose, {episode_, run, generation});
+      std::fill(keys.begin(), keys.end(), DeriveKey(seed_, purpose, {episode_, run, generation}));
+      return;
     case CommonRandomNumbers::kOff:
-      break;
+      DeriveKeys(seed_, purpose, {episode_, run, generation}, keys);
   }
-  return DeriveKey(seed_, purpose,
-                   {episode_, run, generation, static_cast<std::uint32_t>(candidate)});
 }
 
 void SearchRun::Ask(SearchBatch* batch) {
@@ -116,13 +116,11 @@ void SearchRun::Ask(SearchBatch* batch) {
            candidates);
   for (double& value : candidates) value = box_.ToBox(value);
   std::copy_n(first, reevaluated_.size() * dimension, first + candidates.size());
-  for (std::size_t k = 0; k < n_candidates(); ++k) {
-    const bool again = k >= population;
-    batch->keys[first_candidate_ + k] =
-        again ? RolloutKey(StreamPurpose::kReevaluation, k - population)
-              : RolloutKey(StreamPurpose::kRollout, k);
-    batch->n_rollouts[first_candidate_ + k] = static_cast<int>(n_rollouts_);
-  }
+  const auto keys = std::span(batch->keys).subspan(first_candidate_, n_candidates());
+  FillRolloutKeys(StreamPurpose::kRollout, keys.first(population));
+  FillRolloutKeys(StreamPurpose::kReevaluation, keys.subspan(population));
+  std::fill_n(batch->n_rollouts.begin() + static_cast<std::ptrdiff_t>(first_candidate_),
+              n_candidates(), static_cast<int>(n_rollouts_));
 }
 
 void SearchRun::Tell(const SearchBatch& batch) {

@@ -53,8 +53,8 @@ class SearchRun {
 
  private:
   std::size_t n_candidates() const { return costs_.size() + reevaluated_.size(); }
-  // Of the rollouts of this generation's candidate, or of its second evaluation.
-  StreamKey RolloutKey(StreamPurpose purpose, std::size_t candidate) const;
+  // Of the rollouts of this generation's candidates, or of their second evaluations.
+  void FillRolloutKeys(StreamPurpose purpose, std::span<StreamKey> keys) const;
 
   RunPlan plan_;
   UncertaintyHandling uncertainty_;

@@ -10,8 +10,8 @@
 #define HWY_TARGET_INCLUDE "kernels/philox/philox.cc"
 #include "hwy/foreach_target.h"  // IWYU pragma: keep
 // After foreach_target:
-#include "hwy/contrib/math/math-inl.h"
 #include "hwy/highway.h"
+#include "kernels/philox/box_muller-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace downpour {
@@ -29,25 +29,26 @@ struct Words {
   VU w0, w1, w2, w3;
 };
 
+// Product of the low words.
 HWY_INLINE VU WideningMultiply(VU a, std::uint32_t b) {
 #if HWY_TARGET == HWY_SCALAR  // has no widening multiply; its 64-bit one is exact here
-  return hn::Mul(a, hn::Set(DU(), std::uint64_t{b}));
+  return hn::Mul(hn::And(a, hn::Set(DU(), 0xFFFFFFFFu)), hn::Set(DU(), std::uint64_t{b}));
 #else
   const hn::Repartition<std::uint32_t, DU> du32;
   return hn::MulEven(hn::BitCast(du32, a), hn::Set(du32, b));
 #endif
 }
 
+// Only the low halves of the words are read, and right: nothing carries into them.
 HWY_INLINE Words Rounds(Words x, VU key0, VU key1) {
   const DU du;
-  const VU low = hn::Set(du, 0xFFFFFFFFu);
   for (int round = 0; round < 10; ++round) {
     const VU p0 = WideningMultiply(x.w0, kPhiloxMultiplier0);
     const VU p1 = WideningMultiply(x.w2, kPhiloxMultiplier1);
-    x = {hn::Xor(hn::Xor(hn::ShiftRight<32>(p1), x.w1), key0), hn::And(p1, low),
-         hn::Xor(hn::Xor(hn::ShiftRight<32>(p0), x.w3), key1), hn::And(p0, low)};
-    key0 = hn::And(hn::Add(key0, hn::Set(du, kPhiloxWeyl0)), low);
-    key1 = hn::And(hn::Add(key1, hn::Set(du, kPhiloxWeyl1)), low);
+    x = {hn::Xor3(hn::ShiftRight<32>(p1), x.w1, key0), p1,
+         hn::Xor3(hn::ShiftRight<32>(p0), x.w3, key1), p0};
+    key0 = hn::Add(key0, hn::Set(du, kPhiloxWeyl0));
+    key1 = hn::Add(key1, hn::Set(du, kPhiloxWeyl1));
   }
   return x;
 }
@@ -56,7 +57,7 @@ HWY_INLINE Words Rounds(Words x, VU key0, VU key1) {
 HWY_INLINE VF Uniform(VU low, VU high) {
   const DF df;
   const DU du;
-  const VU bits = hn::Or(hn::ShiftLeft<32>(high), low);
+  const VU bits = hn::Or(hn::ShiftLeft<32>(high), hn::And(low, hn::Set(du, 0xFFFFFFFFu)));
   const VU one_to_two = hn::Or(hn::ShiftRight<12>(bits), hn::Set(du, 0x3FF0000000000000ull));
   return hn::Sub(hn::BitCast(df, one_to_two), hn::Set(df, 1.0));
 }
@@ -73,10 +74,11 @@ HWY_INLINE Pair Uniforms(const Words& counter, VU key0, VU key1) {
 HWY_INLINE Pair Normals(const Words& counter, VU key0, VU key1) {
   const DF df;
   const Pair u = Uniforms(counter, key0, key1);
-  const VF log_u1 = hn::Log(df, hn::Sub(hn::Set(df, 1.0), u.first));
+  const VF log_u1 = LogOfUniform(df, hn::Sub(hn::Set(df, 1.0), u.first));
   const VF radius = hn::Sqrt(hn::Mul(hn::Set(df, -2.0), log_u1));
-  const VF angle = hn::Mul(hn::Set(df, 6.283185307179586477), u.second);
-  return {hn::Mul(radius, hn::Cos(df, angle)), hn::Mul(radius, hn::Sin(df, angle))};
+  VF cosine, sine;
+  CosSinOfTurns(df, u.second, &cosine, &sine);
+  return {hn::Mul(radius, cosine), hn::Mul(radius, sine)};
 }
 
 template <Pair (*kDraw)(const Words&, VU, VU)>
@@ -87,8 +89,9 @@ HWY_INLINE void Fill(StreamKey key, std::uint32_t counter1, double* out, std::si
   HWY_ALIGN double buffer[2 * hn::MaxLanes(DF())];
   const VU key0 = hn::Set(du, key.word0);
   const VU key1 = hn::Set(du, key.word1);
+  const VU lane = hn::Iota(du, 0);  // with a variable start it would go through memory
   for (std::size_t done = 0; done < n; done += 2 * lanes) {
-    const VU block = hn::Iota(du, done / 2);
+    const VU block = hn::Add(lane, hn::Set(du, done / 2));
     const Pair pair = kDraw({block, hn::Set(du, counter1), hn::Zero(du), hn::Zero(du)}, key0, key1);
     hn::StoreInterleaved2(pair.first, pair.second, df, buffer);
     std::copy_n(buffer, std::min(2 * lanes, n - done), out + done);
@@ -133,17 +136,39 @@ HWY_EXPORT(FillNormalsTarget);
 HWY_EXPORT(FillUniformsTarget);
 HWY_EXPORT(NormalTileTarget);
 
+namespace {
+
+// A Philox block is a keyed permutation: absorbing a coordinate at a time makes a hash chain.
+PhiloxBlock Absorb(const PhiloxBlock& state, std::uint32_t coordinate, std::size_t position) {
+  return PhiloxReference({state[2], state[3], coordinate, static_cast<std::uint32_t>(position)},
+                         {state[0], state[1]});
+}
+
+PhiloxBlock AbsorbPath(std::uint64_t seed, StreamPurpose purpose,
+                       std::initializer_list<std::uint32_t> path) {
+  PhiloxBlock state = {static_cast<std::uint32_t>(purpose), 0, 0, 0};
+  state = PhiloxReference(
+      state, {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)});
+  std::size_t position = 1;
+  for (const std::uint32_t coordinate : path) state = Absorb(state, coordinate, position++);
+  return state;
+}
+
+}  // namespace
+
 StreamKey DeriveKey(std::uint64_t seed, StreamPurpose purpose,
                     std::initializer_list<std::uint32_t> path) {
-  // A Philox block is a keyed permutation: absorbing a coordinate at a time makes a hash chain.
-  PhiloxBlock state = {static_cast<std::uint32_t>(purpose), 0, 0, 0};
-  StreamKey key = {static_cast<std::uint32_t>(seed), static_cast<std::uint32_t>(seed >> 32)};
-  state = PhiloxReference(state, key);
-  std::uint32_t position = 1;
-  for (const std::uint32_t coordinate : path) {
-    state = PhiloxReference({state[2], state[3], coordinate, position++}, {state[0], state[1]});
-  }
+  const PhiloxBlock state = AbsorbPath(seed, purpose, path);
   return {state[0], state[1]};
+}
+
+void DeriveKeys(std::uint64_t seed, StreamPurpose purpose,
+                std::initializer_list<std::uint32_t> path, std::span<StreamKey> keys) {
+  const PhiloxBlock parent = AbsorbPath(seed, purpose, path);
+  for (std::size_t i = 0; i < keys.size(); ++i) {
+    const PhiloxBlock state = Absorb(parent, static_cast<std::uint32_t>(i), path.size() + 1);
+    keys[i] = {state[0], state[1]};
+  }
 }
 
 void FillNormals(StreamKey key, std::uint32_t counter1, double* out, std::size_t n) {

@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <initializer_list>
+#include <span>
 
 namespace downpour {
 
@@ -37,6 +38,10 @@ enum class StreamPurpose : std::uint32_t {
 // coordinates are absorbed by a chain of Philox blocks.
 StreamKey DeriveKey(std::uint64_t seed, StreamPurpose purpose,
                     std::initializer_list<std::uint32_t> path);
+
+// keys[i] = DeriveKey(seed, purpose, {path..., i}) for every i, in a fraction of the time.
+void DeriveKeys(std::uint64_t seed, StreamPurpose purpose,
+                std::initializer_list<std::uint32_t> path, std::span<StreamKey> keys);
 
 // Fills out[0, n) with standard normal numbers of the stream: numbers 2i and 2i+1 are the
 // Box-Muller pair of block i (counter {i, counter1, 0, 0}). `out` needs no alignment. Vectorised;
