@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <vector>
 
 #include "engine/search/learning_rate.h"
@@ -9,13 +10,15 @@
 
 namespace downpour {
 
-// The whole covariance matrix C of CMA-ES (Hansen, arXiv 1604.00772). C is decomposed when it has
-// changed enough, in every generation if rates are adapted. 5 P^2 numbers. Not thread-safe.
+// The whole covariance matrix C of CMA-ES (Hansen, arXiv 1604.00772), sampled by its Cholesky
+// factor, which is formed anew when C has changed enough, in every generation if rates are adapted;
+// principal axes serve the stopping criteria alone and follow C more slowly. 4 P^2 numbers. Not
+// thread-safe.
 class FullCovariance {
  public:
   FullCovariance(const StrategyParameters& parameters, int dimension, int population);
 
-  // y = C^(1/2) z for every column.
+  // y = L z for every column, L L^T = C.
   void Transform(const Eigen::MatrixXd& z, Eigen::MatrixXd* y) const;
   void Update(const CovarianceUpdate& update);
   // As much of the update of Sigma = sigma^2 C, where *sigma is the new step size and old_sigma the
@@ -33,31 +36,33 @@ class FullCovariance {
 
   template <typename Archive>
   void Visit(Archive& archive) {
-    archive(eigen_generation_);
+    archive(factor_generation_);
+    archive(axes_generation_);
     archive(condition_);
     archive(covariance_);
+    archive(factor_);
     archive(axes_);
     archive(lengths_);
-    archive(root_);
   }
 
  private:
-  void Decompose();
+  void Factorise();
+  void FindAxes();
   // matrix = decay matrix + sum w y y^T + c_1 path path^T over the columns `steps`, lower triangle.
   void AddSteps(const CovarianceUpdate& update, const Eigen::MatrixXd& steps,
                 const Eigen::VectorXd& path, Eigen::MatrixXd* matrix);
 
   int dimension_, population_;
-  int interval_;  // generations between eigendecompositions
-  int eigen_generation_ = 0;
+  int factor_interval_, axes_interval_;  // generations
+  int factor_generation_ = 0, axes_generation_ = 0;
   double condition_ = 1;
   Eigen::MatrixXd covariance_;  // C, lower triangle
-  Eigen::MatrixXd axes_;        // B, columns are eigenvectors of C as of eigen_generation_
+  Eigen::MatrixXd factor_;      // L as of factor_generation_, zeros above the diagonal
+  Eigen::MatrixXd axes_;        // B, columns are eigenvectors of C as of axes_generation_
   Eigen::VectorXd lengths_;     // D, square roots of the eigenvalues
-  Eigen::MatrixXd root_;        // C^(1/2) = B D B^T, lower triangle
   // Scratch.
-  Eigen::MatrixXd selected_;     // (P x (lambda + 1)) weighted steps of the update
-  Eigen::MatrixXd scaled_axes_;  // B D^(1/2)
+  Eigen::MatrixXd steps_, weighted_;  // (P x (lambda + 1)) the path and the steps of the update
+  Eigen::MatrixXd new_factor_;
   std::vector<double> work_;
   std::vector<int> integer_work_;
 };

@@ -9,9 +9,10 @@
 
 namespace downpour {
 
-// Active CMA-ES in long double, written line by line from the tutorial (arXiv 1604.00772) with
-// C^(-1/2) formed; `diagonal` by Ros and Hansen 2008, `adapts` the rates by Nomura, Akimoto and Ono
-// (arXiv 2304.03473). It takes the steps y_k = (x_k - m) / sigma of given candidates.
+// Active CMA-ES in long double, written line by line from the tutorial (arXiv 1604.00772) with the
+// inverse of a factor of C formed, its Cholesky factor as in CmaEs; `diagonal` by Ros and Hansen
+// 2008, `adapts` the rates by Nomura, Akimoto and Ono (arXiv 2304.03473). It takes the steps y_k =
+// (x_k - m) / sigma of given candidates.
 class CmaEsReference {
  public:
   using Vector = Eigen::Matrix<long double, Eigen::Dynamic, 1>;
@@ -22,7 +23,8 @@ class CmaEsReference {
       : m(mean),
         sigma(initial_sigma),
         C(Matrix::Identity(mean.size(), mean.size())),
-        decomposed_C(C),
+        factorised_C(C),
+        axes_C(C),
         p_sigma(Vector::Zero(mean.size())),
         p_c(Vector::Zero(mean.size())),
         diagonal(diagonal_only),
@@ -50,12 +52,8 @@ class CmaEsReference {
     for (int i = 0; i < lambda; ++i) weights[i] *= i < mu ? 1 / sum : scale / -negative_sum;
   }
 
-  // Power of C as it was decomposed last.
-  Matrix Root(long double power) const {
-    Eigen::SelfAdjointEigenSolver<Matrix> eigen(decomposed_C);
-    const Vector d = eigen.eigenvalues().array().pow(power);
-    return eigen.eigenvectors() * d.asDiagonal() * eigen.eigenvectors().transpose();
-  }
+  // L with L L^T = C as it was factorised last.
+  Matrix Factor() const { return factorised_C.llt().matrixL(); }
 
   // Steps and costs of the candidates.
   void Update(const std::vector<Vector>& y, const std::vector<double>& costs) {
@@ -73,9 +71,9 @@ class CmaEsReference {
     const long double d_sigma =
         1 + 2 * std::max(0.0L, std::sqrt((mu_eff - 1) / (n + 1)) - 1) + c_sigma;
     const long double c_c = (4 + mu_eff / n) / (n + 4 + 2 * mu_eff / n);
-    const Matrix inverse_root = Root(-0.5L);
+    const Matrix inverse_factor = Factor().inverse();
     p_sigma = (1 - c_sigma) * p_sigma +
-              std::sqrt(c_sigma * (2 - c_sigma) * mu_eff) * (inverse_root * y_w);
+              std::sqrt(c_sigma * (2 - c_sigma) * mu_eff) * (inverse_factor * y_w);
     const long double chi = std::sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n * n));
     const long double norm = p_sigma.norm();
     // h_sigma of appendix A, of p_sigma^(g+1); the first generation is g = 0.
@@ -89,21 +87,24 @@ class CmaEsReference {
     for (std::size_t i = 0; i < weights.size(); ++i) {
       const Vector& step = y[order[i]];
       const long double w =
-          weights[i] >= 0 ? weights[i] : weights[i] * n / (inverse_root * step).squaredNorm();
+          weights[i] >= 0 ? weights[i] : weights[i] * n / (inverse_factor * step).squaredNorm();
       next += c_mu * w * step * step.transpose();
     }
     if (diagonal) next = Vector(next.diagonal()).asDiagonal();
     C = next;
-    const int interval = static_cast<int>(2 / (n * (c_1 + c_mu)));
     sigma *= std::exp(c_sigma / d_sigma * (norm / chi - 1));
-    if (adapts) AdaptRates(old_m, old_sigma, old_C, inverse_root);
+    if (adapts) AdaptRates(old_m, old_sigma, old_C, inverse_factor);
     ++g;
-    if (g % std::max(1, interval) == 0 || diagonal || adapts) decomposed_C = C;
+    const auto interval = [&](long double share) {
+      return std::max(1, static_cast<int>(share / (c_1 + c_mu)));
+    };
+    if (g % interval(1 / n) == 0 || diagonal || adapts) factorised_C = C;
+    if (g % interval(0.5L) == 0) axes_C = C;
   }
 
   Vector m;
   long double sigma;
-  Matrix C, decomposed_C;
+  Matrix C, factorised_C, axes_C;  // axes_C: as the stopping criteria see it
   Vector p_sigma, p_c;
 
  private:
@@ -118,12 +119,12 @@ class CmaEsReference {
   }
 
   void AdaptRates(const Vector& old_m, long double old_sigma, const Matrix& old_C,
-                  const Matrix& inverse_root) {
-    const Matrix whitening = inverse_root / old_sigma;
+                  const Matrix& inverse_factor) {
+    const Matrix whitening = inverse_factor / old_sigma;
     const Matrix old_Sigma = old_sigma * old_sigma * old_C;
     const Matrix d_Sigma = sigma * sigma * C - old_Sigma;
     const Vector d_m = m - old_m;
-    const Matrix local = whitening * d_Sigma * whitening / std::sqrt(2.0L);
+    const Matrix local = whitening * d_Sigma * whitening.transpose() / std::sqrt(2.0L);
     const long double old_eta = eta_m;
     m = old_m + Rate(whitening * d_m, 0.1L, &E_m, &V_m, &eta_m) * d_m;
     const Vector flat = Eigen::Map<const Vector>(local.data(), local.size());

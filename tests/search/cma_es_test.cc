@@ -82,12 +82,12 @@ TEST_CASE("cma_es: twenty generations agree with the papers in long double") {
            generation);
       const StreamKey key = SamplingKey(3, generation);
       cma.Ask(key, x);
-      const auto root = reference.Root(0.5L);
+      const auto factor = reference.Factor();
       std::vector<CmaEsReference::Vector> steps;
       for (int c = 0; c < kLambda; ++c) {
         Eigen::VectorXd z(kP);
         FillNormals(key, static_cast<std::uint32_t>(c), z.data(), kP);
-        steps.push_back(root * z.cast<long double>());
+        steps.push_back(factor * z.cast<long double>());
         for (int i = 0; i < kP; ++i) {
           const auto expected =
               static_cast<double>(reference.m[i] + reference.sigma * steps.back()[i]);

@@ -107,11 +107,11 @@ void CheckStopsWith(const std::string& name, const CmaEsTolerances& tolerances,
   while (!expected && cma.generation() < 2000) {
     const auto generation = static_cast<std::uint32_t>(cma.generation());
     cma.Ask(Key(generation), x);
-    const auto root = reference.Root(0.5L);
+    const auto factor = reference.Factor();
     std::vector<CmaEsReference::Vector> steps;
     for (int c = 0; c < kLambda; ++c) {
       FillNormals(Key(generation), static_cast<std::uint32_t>(c), z.data(), kP);
-      steps.push_back(root * Eigen::Map<Eigen::VectorXd>(z.data(), kP).cast<long double>());
+      steps.push_back(factor * Eigen::Map<Eigen::VectorXd>(z.data(), kP).cast<long double>());
       costs[c] = function({x.data() + c * kP, kP});
     }
     cma.Tell(costs);
@@ -136,13 +136,13 @@ TEST_CASE("stopping: TolX, TolXUp and ConditionCov hold just when their definiti
   CheckStopsWith(
       "TolXUp", tolerances, [](auto x) { return x[0] + x[1]; },
       [](const CmaEsReference& r) {
-        Eigen::SelfAdjointEigenSolver<CmaEsReference::Matrix> eigen(r.decomposed_C);
+        Eigen::SelfAdjointEigenSolver<CmaEsReference::Matrix> eigen(r.axes_C);
         return r.sigma * std::sqrt(eigen.eigenvalues().maxCoeff()) > 1e3L * 0.5L;
       });
   tolerances = kOff;
   tolerances.condition_cov = 1e3;
   CheckStopsWith("ConditionCov", tolerances, Ellipsoid, [](const CmaEsReference& r) {
-    Eigen::SelfAdjointEigenSolver<CmaEsReference::Matrix> eigen(r.decomposed_C);
+    Eigen::SelfAdjointEigenSolver<CmaEsReference::Matrix> eigen(r.axes_C);
     return eigen.eigenvalues().maxCoeff() > 1e3L * eigen.eigenvalues().minCoeff();
   });
 }
