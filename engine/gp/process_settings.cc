@@ -15,6 +15,7 @@ constexpr char kCoreVariable[] = "OPENBLAS_CORETYPE";
 constexpr char kMendedVariable[] = "DOWNPOUR_BLAS_MENDED";
 constexpr char kWaitVariable[] = "OMP_WAIT_POLICY";
 constexpr char kSpinVariable[] = "GOMP_SPINCOUNT";
+constexpr char kSpins[] = "2000";
 
 // Doubles in a vector of the family's kernels: 8 for AVX-512, 4 for AVX2, 2 or less for the rest.
 int VectorWidth(const std::string& core) {
@@ -50,14 +51,20 @@ bool PrepareProcess(char** argv) {
     setenv(kCoreVariable, suitable.c_str(), 1);
     setenv(kMendedVariable, "1", 1);
   }
-  if (set_waiting) setenv(kWaitVariable, "passive", 1);
+  if (set_waiting) {
+    setenv(kWaitVariable, "passive", 1);
+    setenv(kSpinVariable, kSpins, 1);
+  }
   execv("/proc/self/exe", argv);
   // Not executed: the variables would tell a state that is not there.
   if (mend_core) {
     unsetenv(kCoreVariable);
     unsetenv(kMendedVariable);
   }
-  if (set_waiting) unsetenv(kWaitVariable);
+  if (set_waiting) {
+    unsetenv(kWaitVariable);
+    unsetenv(kSpinVariable);
+  }
   return false;
 }
 
