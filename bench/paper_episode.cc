@@ -24,6 +24,7 @@
 #include <variant>
 #include <vector>
 
+#include "bench/fma_peak_together.h"
 #include "bench/program.h"
 #include "bench/rollout_parts.h"
 #include "bench/run_data.h"
@@ -91,34 +92,6 @@ void MakeRun(const Task& task, const std::filesystem::path& run, int threads) {
   }
   std::filesystem::create_directories(run);
   WriteFileAtomically(run / "transitions.csv", TransitionsCsv(task, learner.state()));
-}
-
-// GFLOP/s of the fp64 multiply-add peak of `threads` threads at once. All stay busy until the first
-// one is done, and what each reached while alone does not count.
-double PeakTogether(int threads) {
-  constexpr int kRounds = 10;
-  double sum = 0;
-  bool done = false;
-#pragma omp parallel num_threads(threads) reduction(+ : sum)
-  {
-    double total = 0, last = 0;
-    int rounds = 0;
-    for (bool go_on = true; go_on;) {
-      last = FmaPeakGflops(false, 0.01);
-      total += last;
-      ++rounds;
-      if (omp_get_thread_num() == 0 && rounds == kRounds) {
-#pragma omp atomic write
-        done = true;
-      }
-#pragma omp atomic read
-      go_on = done;
-      go_on = !go_on;
-    }
-    sum +=
-        omp_get_thread_num() == 0 || rounds == 1 ? total / rounds : (total - last) / (rounds - 1);
-  }
-  return sum;
 }
 
 // What is measured around a search.
@@ -207,8 +180,8 @@ SampleTimes TimeSample(const Task& task, const Policy& policy, std::span<const K
   std::vector<BatchTimes> best(sample.size());
   std::vector<double> returns, again;
   for (int repetition = 0; repetition < kRepetitions; ++repetition) {
-    times.peak_one = std::max(times.peak_one, PeakTogether(1));
-    times.peak_all = std::max(times.peak_all, PeakTogether(threads));
+    times.peak_one = std::max(times.peak_one, FmaPeakTogether(1));
+    times.peak_all = std::max(times.peak_all, FmaPeakTogether(threads));
     for (std::size_t i = 0; i < sample.size(); ++i) {
       const KeptBatch& batch = sample[i];
       returns.resize(batch.TotalRollouts());

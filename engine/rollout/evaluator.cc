@@ -12,6 +12,7 @@
 #include <variant>
 
 #include "engine/errors.h"
+#include "engine/parallel_for.h"
 #include "engine/rollout/one_lane.h"
 #include "engine/rollout/tiling.h"
 #include "kernels/features/features.h"
@@ -129,12 +130,26 @@ void Evaluator::Evaluate(std::span<const double> parameters, std::span<const Str
                          std::span<const int> n_rollouts, std::span<const int> first_rollout,
                          std::span<double> returns, std::span<const CandidateGroup> groups) {
   const auto start = std::chrono::steady_clock::now();
+  const double busy = busy_seconds_;
   Run({parameters, keys, n_rollouts, first_rollout, returns, nullptr}, groups);
-  const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
-  statistics_.seconds += elapsed.count();
+  const double elapsed = SecondsSince(start);
+  statistics_.seconds += elapsed;
+  statistics_.idle_seconds += options_.threads * elapsed - (busy_seconds_ - busy);
   const double penalty = -task_.horizon;
   statistics_.diverged += std::count(returns.begin(), returns.end(), penalty);
   statistics_.rollouts += std::ssize(returns);
+}
+
+EvaluatorStatistics EvaluatorStatistics::Since(const EvaluatorStatistics& earlier) const {
+  EvaluatorStatistics since = *this;
+  since.rollouts -= earlier.rollouts;
+  since.steps -= earlier.steps;
+  since.gp_queries -= earlier.gp_queries;
+  since.lane_steps -= earlier.lane_steps;
+  since.diverged -= earlier.diverged;
+  since.seconds -= earlier.seconds;
+  since.idle_seconds -= earlier.idle_seconds;
+  return since;
 }
 
 std::vector<double> Evaluator::VisitedInputs(std::span<const double> parameters,
@@ -206,21 +221,21 @@ void Evaluator::RunLeg(const Batch& batch, const RolloutLeg& leg) {
   if (block_tiles_ == 1) {
     const Tiling tiles(n_lanes, options_.threads);
     statistics_.lane_steps += n_steps * tiles.computed_lanes();
-#pragma omp parallel for schedule(dynamic, 1) num_threads(options_.threads)
-    for (int tile = 0; tile < tiles.count(); ++tile) run_block(tiles.First(tile), tiles.Size(tile));
+    busy_seconds_ += TimedParallelFor(tiles.count(), options_.threads, [&](int tile) {
+      run_block(tiles.First(tile), tiles.Size(tile));
+    });
     return;
   }
   // As few blocks as hold them, as equal as whole tiles allow: as OpenBLAS's bits may depend on the
   // packing, it is the same for any number of threads.
   const std::int64_t n_tiles = WholeTiles(n_lanes);
-  const std::int64_t n_blocks = (n_tiles + block_tiles_ - 1) / block_tiles_;
+  const auto n_blocks = static_cast<int>((n_tiles + block_tiles_ - 1) / block_tiles_);
   statistics_.lane_steps += n_steps * n_tiles * kTileLanes;
-#pragma omp parallel for schedule(dynamic, 1) num_threads(options_.threads)
-  for (std::int64_t block = 0; block < n_blocks; ++block) {
+  busy_seconds_ += TimedParallelFor(n_blocks, options_.threads, [&](int block) {
     const int first = static_cast<int>(block * n_tiles / n_blocks) * kTileLanes;
     const int end = static_cast<int>((block + 1) * n_tiles / n_blocks) * kTileLanes;
     run_block(first, std::min(end, n_lanes) - first);
-  }
+  });
 }
 
 void Evaluator::PackTile(const Batch& batch, int first, int n, TileScratch* scratch) const {

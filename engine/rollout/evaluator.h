@@ -28,9 +28,16 @@ struct EvaluatorStatistics {
   std::int64_t rollouts = 0;
   std::int64_t steps = 0;       // rollouts x horizon, less those of lost causes
   std::int64_t gp_queries = 0;  // steps x E
-  std::int64_t lane_steps = 0;  // computed, idle lanes in vectors included: fill = steps / this
+  std::int64_t lane_steps = 0;  // computed, idle lanes in vectors included
   std::int64_t diverged = 0;    // rollouts that got the penalty
-  double seconds = 0;           // wall time of the calls; no result depends on it
+  // Wall time of the calls, and what of threads x seconds a thread spent without a tile; no result
+  // depends on them.
+  double seconds = 0, idle_seconds = 0;
+
+  // What has been added since `earlier`.
+  EvaluatorStatistics Since(const EvaluatorStatistics& earlier) const;
+  double LaneFill() const { return static_cast<double>(steps) / static_cast<double>(lane_steps); }
+  double IdleShare(int threads) const { return idle_seconds / (threads * seconds); }
 };
 
 // The batched evaluator (docs/method.md): rollouts are packed into tiles (tiling.h), one thread
@@ -125,6 +132,7 @@ class Evaluator {
   std::vector<int> first_return_;  // of each candidate
   std::vector<double> carried_;    // states (E) of each rollout between two legs
   EvaluatorStatistics statistics_;
+  double busy_seconds_ = 0;  // that threads have spent on tiles, all together
 };
 
 // Features (F) of one state (E): the same numbers as in the tile.
