@@ -8,27 +8,34 @@
 
 namespace downpour {
 
+// kDynamic: to the threads that are free. kFixed: call i is made by the same thread in every region
+// of as many calls and threads, whose caches hold what it left there.
+enum class Assignment { kDynamic, kFixed };
+
 // Calls body(i) for every i in [0, n) on `threads` >= 1 OpenMP threads, in any order. An exception
 // must not leave an OpenMP region: when all calls are done, that of the lowest i is rethrown.
 // Allocates an entry a call, before the region.
 template <typename Body>
-void ParallelFor(int n, int threads, const Body& body) {
+void ParallelFor(int n, int threads, const Body& body,
+                 Assignment assignment = Assignment::kDynamic) {
   std::vector<std::exception_ptr> errors(static_cast<std::size_t>(n));
-#pragma omp parallel for schedule(dynamic) num_threads(threads)
-  for (int i = 0; i < n; ++i) {
+  const auto call = [&](int i) {
     try {
       body(i);
     } catch (...) {
       errors[static_cast<std::size_t>(i)] = std::current_exception();
     }
+  };
+  if (assignment == Assignment::kFixed) {
+#pragma omp parallel for schedule(static, 1) num_threads(threads)
+    for (int i = 0; i < n; ++i) call(i);
+  } else {
+#pragma omp parallel for schedule(dynamic) num_threads(threads)
+    for (int i = 0; i < n; ++i) call(i);
   }
   for (const std::exception_ptr& error : errors) {
     if (error) std::rethrow_exception(error);
   }
-}
-
-inline double SecondsSince(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
 // Calls body(i), which must not throw, for every i in [0, n), one at a time to the threads that are
@@ -42,7 +49,7 @@ double TimedParallelFor(int n, int threads, const Body& body) {
     const auto start = std::chrono::steady_clock::now();
 #pragma omp for schedule(dynamic, 1) nowait
     for (int i = 0; i < n; ++i) body(i);
-    busy += SecondsSince(start);
+    busy += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   }
   return busy;
 }

@@ -145,6 +145,7 @@ Json EpisodeToJson(const EpisodeRecord& record) {
           {"gp_queries", record.gp_queries},
           {"diverged", record.diverged},
           {"lane_fill", JsonNumber(record.lane_fill)},
+          {"idle_share", JsonNumber(record.idle_share)},
           {"predicted_return", JsonNumber(record.predicted_return)},
           {"real_return", JsonNumber(record.real_return)},
           {"solved", record.solved},
@@ -210,6 +211,7 @@ EpisodeRecord EpisodeFromJson(const JsonField& field) {
   record.gp_queries = field["gp_queries"].Integer(0, kMaxInt64);
   record.diverged = field["diverged"].Integer(0, kMaxInt64);
   record.lane_fill = field["lane_fill"].Number();
+  record.idle_share = field["idle_share"].Number();
   record.predicted_return = field["predicted_return"].Number();
   record.real_return = field["real_return"].Number();
   record.solved = field["solved"].Bool();

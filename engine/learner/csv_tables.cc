@@ -56,6 +56,7 @@ std::string TimingCsv(const Task& task, const LearnerState& state) {
                                      "search_seconds [s]",
                                      "gp_queries_per_second [1/s]",
                                      "rollout_seconds [s]",
+                                     "idle_share",
                                      "rollout_time_per_gp_query [ns]"};
   for (const Variable& output : task.states) {
     header.push_back(CsvField(ColumnName("gp_query_time.", {output.name, "ns"})));
@@ -65,10 +66,13 @@ std::string TimingCsv(const Task& task, const LearnerState& state) {
   for (const EpisodeRecord& record : state.episodes) {
     const auto queries = static_cast<double>(record.gp_queries);
     const double rate = record.search_seconds > 0 ? queries / record.search_seconds : kNaN;
-    std::vector<std::string> row = {
-        std::to_string(record.episode),   CsvField(record.model_seconds),
-        CsvField(record.search_seconds),  CsvField(rate),
-        CsvField(record.rollout_seconds), CsvField(RolloutNanosecondsPerQuery(record))};
+    std::vector<std::string> row = {std::to_string(record.episode),
+                                    CsvField(record.model_seconds),
+                                    CsvField(record.search_seconds),
+                                    CsvField(rate),
+                                    CsvField(record.rollout_seconds),
+                                    CsvField(record.idle_share),
+                                    CsvField(RolloutNanosecondsPerQuery(record))};
     AppendNumbers(
         record.random ? std::vector<double>(task.n_states(), kNaN) : record.query_nanoseconds,
         &row);

@@ -126,6 +126,11 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
   const auto start = std::chrono::steady_clock::now();
   Evaluator evaluator(task, policy, model->factors(), options.rollout);
   std::int64_t next_check = 0;
+  EvaluatorStatistics told;
+  const auto progress = [&](const PolicySearchProgress& search) {
+    if (callbacks.search) callbacks.search(search, evaluator.statistics().Since(told));
+    told = evaluator.statistics();
+  };
   const BatchObjective objective = [&](const CandidateBatch& batch, std::span<double> returns) {
     if (evaluator.statistics().rollouts >= next_check) {
       CheckPlans(task, batch, policy.n_parameters(), &evaluator, model, record);
@@ -136,7 +141,7 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
   };
   PolicySearchResult result = SearchPolicy(options.search, FirstPolicy(state, policy), options.seed,
                                            static_cast<std::uint32_t>(record->episode), objective,
-                                           callbacks.search, callbacks.stop);
+                                           progress, callbacks.stop);
   record->policy = std::move(result.parameters);
   record->predicted_return = result.predicted_return;
   record->evaluations = result.evaluations;
@@ -144,8 +149,8 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
   const EvaluatorStatistics& statistics = evaluator.statistics();
   record->gp_queries = statistics.gp_queries;
   record->diverged = statistics.diverged;
-  record->lane_fill =
-      static_cast<double>(statistics.steps) / static_cast<double>(statistics.lane_steps);
+  record->lane_fill = statistics.LaneFill();
+  record->idle_share = statistics.IdleShare(options.rollout.threads);
   for (std::size_t e = 0; e < model->plans().size(); ++e) {
     const OutputPlan& plan = model->plans()[e];
     record->plans.push_back({plan.backend(), plan.points, plan.single_precision, plan.tau,
@@ -207,7 +212,8 @@ const EpisodeRecord& Learner::RunEpisode(const Callbacks& callbacks) {
   record.episode = static_cast<int>(state_.episodes.size()) + 1;
   record.random = record.episode <= options_.random_episodes;
   record.interaction_seconds = record.episode * task_.horizon * task_.control_period;
-  record.predicted_return = record.lane_fill = std::numeric_limits<double>::quiet_NaN();
+  record.predicted_return = record.lane_fill = record.idle_share =
+      std::numeric_limits<double>::quiet_NaN();
   record.platform = CurrentPlatform();
   if (!record.random) {
     BeginPhase(callbacks, "model");

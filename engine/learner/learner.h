@@ -75,6 +75,8 @@ struct EpisodeRecord {
   std::int64_t diverged = 0;
   // Rollouts / lanes of the vectors they were packed in, (0, 1]; NaN for a random episode.
   double lane_fill = 0;
+  // Of threads x rollout_seconds, what threads spent without a tile; NaN for a random episode.
+  double idle_share = 0;
   double predicted_return = 0;  // NaN for a random episode
   double real_return = 0;
   bool solved = false;
@@ -111,7 +113,8 @@ class Learner {
  public:
   struct Callbacks {
     std::function<void(const std::string& phase)> phase;  // "model", "search", "execute"
-    std::function<void(const PolicySearchProgress&)> search;
+    // `batch`: of the rollouts since the last call, a generation's.
+    std::function<void(const PolicySearchProgress&, const EvaluatorStatistics& batch)> search;
     const std::atomic<bool>* stop = nullptr;
   };
 

@@ -132,9 +132,9 @@ void Evaluator::Evaluate(std::span<const double> parameters, std::span<const Str
   const auto start = std::chrono::steady_clock::now();
   const double busy = busy_seconds_;
   Run({parameters, keys, n_rollouts, first_rollout, returns, nullptr}, groups);
-  const double elapsed = SecondsSince(start);
-  statistics_.seconds += elapsed;
-  statistics_.idle_seconds += options_.threads * elapsed - (busy_seconds_ - busy);
+  const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
+  statistics_.seconds += elapsed.count();
+  statistics_.idle_seconds += options_.threads * elapsed.count() - (busy_seconds_ - busy);
   const double penalty = -task_.horizon;
   statistics_.diverged += std::count(returns.begin(), returns.end(), penalty);
   statistics_.rollouts += std::ssize(returns);

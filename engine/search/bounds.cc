@@ -10,7 +10,9 @@ BoxTransform::BoxTransform(double lower, double upper)
     : lower_(lower),
       upper_(upper),
       lower_margin_(std::min((upper - lower) / 2, (1 + std::abs(lower)) / 20)),
-      upper_margin_(std::min((upper - lower) / 2, (1 + std::abs(upper)) / 20)) {}
+      upper_margin_(std::min((upper - lower) / 2, (1 + std::abs(upper)) / 20)),
+      identity_from_(lower + lower_margin_),
+      identity_to_(upper - upper_margin_) {}
 
 double BoxTransform::Mirrored(double x) const {
   // Into one period, symmetric about the box, then mirrored into the invertible part.
@@ -24,21 +26,21 @@ double BoxTransform::Mirrored(double x) const {
   return x;
 }
 
-double BoxTransform::ToBox(double x) const {
+double BoxTransform::ToBoxAtBounds(double x) const {
   const double first = lower_ - lower_margin_, last = upper_ + upper_margin_;
   if (!(x >= first && x <= last)) x = Mirrored(x);
-  if (x < lower_ + lower_margin_) {
+  if (x < identity_from_) {
     return lower_ + (x - first) * (x - first) / (4 * lower_margin_);
   }
-  if (x < upper_ - upper_margin_) return x;
+  if (x < identity_to_) return x;
   return upper_ - (x - last) * (x - last) / (4 * upper_margin_);
 }
 
 double BoxTransform::FromBox(double y) const {
-  if (y < lower_ + lower_margin_) {
+  if (y < identity_from_) {
     return lower_ - lower_margin_ + 2 * std::sqrt(lower_margin_ * (y - lower_));
   }
-  if (y < upper_ - upper_margin_) return y;
+  if (y < identity_to_) return y;
   return upper_ + upper_margin_ - 2 * std::sqrt(upper_margin_ * (upper_ - y));
 }
 

@@ -13,16 +13,20 @@ class BoxTransform {
   BoxTransform(double lower, double upper);
 
   // Image of a finite x, in [lower, upper].
-  double ToBox(double x) const;
+  double ToBox(double x) const {
+    return x >= identity_from_ && x <= identity_to_ ? x : ToBoxAtBounds(x);
+  }
   // The preimage in [lower - a, upper + a] of y in [lower, upper].
   double FromBox(double y) const;
 
  private:
+  double ToBoxAtBounds(double x) const;
   // The number in [lower - a, upper + a] that x is mirrored to.
   double Mirrored(double x) const;
 
   double lower_, upper_;
   double lower_margin_, upper_margin_;  // a: half-widths of the quadratic pieces
+  double identity_from_, identity_to_;  // lower + a, upper - a
 };
 
 }  // namespace downpour

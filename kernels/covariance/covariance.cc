@@ -94,7 +94,8 @@ HWY_INLINE void UpdateBlock(std::ptrdiff_t n, const Rows& rows, int columns, dou
       for (int v = 0; v < kVectors; ++v) sum[v][j] = hn::MulAdd(left[v], right, sum[v][j]);
     }
   }
-  for (int j = 0; j < columns; ++j) {
+  for (int j = 0; j < kColumns; ++j) {  // a constant bound keeps the sums in registers
+    if (j >= columns) break;
     for (int v = 0; v < kVectors; ++v) rows.Store(v, sum[v][j], out + j * n);
   }
 }

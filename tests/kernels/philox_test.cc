@@ -63,7 +63,7 @@ TEST_CASE("philox: normals match the long-double twin for every length and targe
   ForEachTarget([](const char* target) {
     CAPTURE(target);
     const StreamKey key{3, 4};
-    for (const std::size_t n : {0, 1, 2, 7, 16, 17, 1000}) {
+    for (const std::size_t n : {0, 1, 2, 7, 16, 17, 20000}) {
       std::vector<double> out(n);
       FillNormals(key, 5, out.data(), n);
       for (std::uint32_t i = 0; i < n; ++i) {
@@ -129,6 +129,15 @@ TEST_CASE("philox: keys differ for different seeds, purposes, paths and path len
   for (std::size_t i = 0; i < keys.size(); ++i) {
     for (std::size_t j = 0; j < i; ++j) CHECK_FALSE(keys[i] == keys[j]);
   }
+}
+
+TEST_CASE("philox: the keys of a path's children are those derived one by one") {
+  const auto purpose = StreamPurpose::kRollout;
+  std::vector<StreamKey> top(3), deep(5);
+  DeriveKeys(9, purpose, {}, top);
+  DeriveKeys(9, purpose, {4, 0, 7}, deep);
+  for (std::uint32_t i = 0; i < 3; ++i) CHECK(top[i] == DeriveKey(9, purpose, {i}));
+  for (std::uint32_t i = 0; i < 5; ++i) CHECK(deep[i] == DeriveKey(9, purpose, {4, 0, 7, i}));
 }
 
 }  // namespace

@@ -170,6 +170,8 @@ TEST_CASE("learner: records tell what the episodes were") {
     CHECK(record.jitter == std::vector<double>(i < 2 ? 0 : 2));
     CHECK(std::isnan(record.lane_fill) == (i < 2));
     if (i >= 2) CHECK((record.lane_fill > 0 && record.lane_fill <= 1));
+    CHECK(std::isnan(record.idle_share) == (i < 2));
+    if (i >= 2) CHECK((record.idle_share >= 0 && record.idle_share < 1));
     CHECK(record.platform.simd_target == SimdTargetName());
     CHECK(record.platform.blas_core == BlasCoreName());
     double real_return = 0;
@@ -219,7 +221,7 @@ TEST_CASE("learner: a request to stop leaves the state as it was") {
   Learner::Callbacks callbacks;
   callbacks.stop = &stop;
   int batches = 0;
-  callbacks.search = [&](const PolicySearchProgress&) {
+  callbacks.search = [&](const PolicySearchProgress&, const EvaluatorStatistics&) {
     stop = true;
     ++batches;
   };
@@ -229,6 +231,24 @@ TEST_CASE("learner: a request to stop leaves the state as it was") {
   // The attempts that were stopped leave no trace in what follows.
   while (!learner.done()) learner.RunEpisode({});
   CHECK(SameBits(learner.state(), Run(PointMassTask(), TinyOptions())));
+}
+
+TEST_CASE("learner: progress tells the rollouts, lanes and idle threads of every generation") {
+  LearnerOptions options = TinyOptions();
+  options.threads = 2;
+  Learner learner(PointMassTask(), options);
+  std::int64_t rollouts = 0;
+  Learner::Callbacks callbacks;
+  callbacks.search = [&](const PolicySearchProgress&, const EvaluatorStatistics& batch) {
+    rollouts += batch.rollouts;
+    CHECK((batch.LaneFill() > 0 && batch.LaneFill() <= 1));
+    CHECK((batch.IdleShare(2) >= 0 && batch.IdleShare(2) < 1));
+  };
+  while (!learner.done()) {
+    rollouts = 0;
+    const EpisodeRecord& record = learner.RunEpisode(callbacks);
+    CHECK(rollouts == record.evaluations);
+  }
 }
 
 TEST_CASE("learner: a system that breaks leaves the state as it was") {

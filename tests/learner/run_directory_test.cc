@@ -94,10 +94,12 @@ TEST_CASE("run directory: the tables have a header with units and a row an episo
   CHECK(lines("timing.csv") ==
         std::vector<std::string>{
             "episode,model_seconds [s],search_seconds [s],gp_queries_per_second [1/s],"
-            "rollout_seconds [s],rollout_time_per_gp_query [ns],gp_query_time.velocity [ns],"
+            "rollout_seconds [s],idle_share,rollout_time_per_gp_query [ns],gp_query_time.velocity "
+            "[ns],"
             "\"gp_query_time.position, \"\"x\"\" [ns]\"",
-            "1,0,0,,0,,,",
-            "2,0.25,0.5,18446744073709551616,0.375,4.0657581468206416e-11,0.3333333333333333,0.1"});
+            "1,0,0,,0,,,,",
+            "2,0.25,0.5,18446744073709551616,0.375,0.3333333333333333,4.0657581468206416e-11,0."
+            "3333333333333333,0.1"});
   const std::vector<std::string> transitions = lines("transitions.csv");
   CHECK(transitions[0] ==
         "episode,step,time [s],observation.velocity [m/s],\"observation.position, \"\"x\"\" [m]\","

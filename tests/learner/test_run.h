@@ -140,7 +140,8 @@ inline LearnerState PointMassState() {
   random.episode = 1;
   random.random = true;
   random.interaction_seconds = 0.5;
-  random.predicted_return = random.lane_fill = std::numeric_limits<double>::quiet_NaN();
+  random.predicted_return = random.lane_fill = random.idle_share =
+      std::numeric_limits<double>::quiet_NaN();
   random.platform = {"AVX3", "SkylakeX"};
   EpisodeRecord learnt;
   learnt.episode = 2;
@@ -153,6 +154,7 @@ inline LearnerState PointMassState() {
   learnt.gp_queries = std::numeric_limits<std::int64_t>::max();
   learnt.diverged = 3;
   learnt.lane_fill = 2.0 / 3;
+  learnt.idle_share = 1.0 / 3;
   learnt.predicted_return = 4.0 / 3;
   learnt.real_return = denormal;
   learnt.solved = true;

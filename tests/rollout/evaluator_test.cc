@@ -180,6 +180,32 @@ TEST_CASE("evaluator: counts rollouts, queries and lanes") {
   CHECK(f.statistics.seconds > 0);
 }
 
+TEST_CASE("evaluator: idle time is what threads spend without a tile") {
+  Fixture f(300);
+  EvaluatorOptions options;
+  options.threads = 4;
+  f.Returns(1, 16, options);  // one tile
+  CHECK(f.statistics.IdleShare(4) > 0.5);
+  CHECK(f.statistics.IdleShare(4) <= 1);
+  f.Returns(60, 16, {});
+  CHECK(f.statistics.IdleShare(1) >= 0);
+  CHECK(f.statistics.IdleShare(1) < 0.5);
+}
+
+TEST_CASE("evaluator: statistics of a batch are what it added") {
+  const EvaluatorStatistics before{1, 2, 3, 4, 5, 6, 7}, after{11, 22, 33, 44, 55, 66, 77};
+  const EvaluatorStatistics batch = after.Since(before);
+  CHECK(batch.rollouts == 10);
+  CHECK(batch.steps == 20);
+  CHECK(batch.gp_queries == 30);
+  CHECK(batch.lane_steps == 40);
+  CHECK(batch.diverged == 50);
+  CHECK(batch.seconds == 60);
+  CHECK(batch.idle_seconds == 70);
+  CHECK(batch.LaneFill() == 20.0 / 40);
+  CHECK(batch.IdleShare(2) == 70.0 / 120);
+}
+
 TEST_CASE("evaluator: a second batch of the same size does not allocate") {
   for (const QueryBackend backend : {QueryBackend::kFused, QueryBackend::kBlas}) {
     Fixture f(6, 30, backend);

@@ -2,6 +2,7 @@
 #include "engine/parallel_for.h"
 
 #include <doctest/doctest.h>
+#include <omp.h>
 
 #include <string>
 #include <vector>
@@ -18,6 +19,26 @@ TEST_CASE("parallel_for: calls the body once for every index") {
       ParallelFor(n, threads, [&](int i) { ++calls[i]; });
       CHECK(calls == std::vector<int>(n, 1));
     }
+  }
+}
+
+TEST_CASE("parallel_for: a fixed assignment is the same in every region") {
+  constexpr int kCalls = 8;
+  for (const int threads : {1, 2, 5}) {
+    std::vector<int> first(kCalls, -1), second(kCalls, -1);
+    for (auto* by : {&first, &second}) {
+      ParallelFor(
+          kCalls, threads,
+          [&](int i) {
+            // The thread of call 0 is busy for longer than the others take for theirs.
+            volatile double sum = 0;
+            for (int k = 0; i == 0 && k < 1000000; ++k) sum = sum + k;
+            (*by)[i] = omp_get_thread_num();
+          },
+          Assignment::kFixed);
+    }
+    CHECK(first == second);
+    for (int i = 0; i < kCalls; ++i) CHECK(first[i] == i % threads);
   }
 }
 

@@ -12,6 +12,7 @@
 
 #include "engine/search/cma_es.h"
 #include "engine/search/fitness_history.h"
+#include "engine/search/full_covariance.h"
 #include "tests/search/cma_es_reference.h"
 #include "tests/search/test_functions.h"
 
@@ -145,6 +146,23 @@ TEST_CASE("stopping: TolX, TolXUp and ConditionCov hold just when their definiti
     Eigen::SelfAdjointEigenSolver<CmaEsReference::Matrix> eigen(r.axes_C);
     return eigen.eigenvalues().maxCoeff() > 1e3L * eigen.eigenvalues().minCoeff();
   });
+}
+
+TEST_CASE("stopping: a matrix that is no longer positive definite is infinitely ill-conditioned") {
+  constexpr int kP = 3, kLambda = 6;
+  const StrategyParameters parameters = MakeStrategyParameters(CovarianceForm::kFull, kP, kLambda);
+  FullCovariance covariance(parameters, kP, kLambda);
+  const Eigen::MatrixXd z = Eigen::MatrixXd::Ones(kP, kLambda), y = 0 * z;
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(kP);
+  const int ranking[kLambda] = {0, 1, 2, 3, 4, 5};
+  const int due = static_cast<int>(1 / (kP * (parameters.c_1 + parameters.c_mu))) + 1;
+  covariance.Update({parameters, z, y, ranking, zero, zero, 1, due});
+  CHECK(covariance.condition() == 1);
+  covariance.Update({parameters, z, y, ranking, zero, zero, -1, 2 * due});  // C = -I
+  CHECK(covariance.condition() == kInf);
+  Eigen::MatrixXd sampled(kP, kLambda);
+  covariance.Transform(z, &sampled);
+  CHECK(sampled == z);  // by the last factor there was
 }
 
 // The criterion that the first generation meets on a sphere around `mean`.

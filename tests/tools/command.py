@@ -47,7 +47,8 @@ def results(directory):
     del files["timing.csv"]
     payload = json.loads(files["checkpoint.json"])["payload"]
     for episode in payload["episodes"]:
-        for timed in ("model_seconds", "search_seconds", "rollout_seconds", "query_nanoseconds"):
+        for timed in ("model_seconds", "search_seconds", "rollout_seconds", "idle_share",
+                      "query_nanoseconds"):
             del episode[timed]
     files["checkpoint.json"] = json.dumps(payload)
     return files

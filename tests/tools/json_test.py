@@ -12,8 +12,8 @@ import subprocess
 from command import PROGRAM, TINY, Claims, downpour, learn, results, scratch_directory
 
 KEYS = ["episode", "interaction_seconds", "points", "model_seconds", "search_seconds",
-        "rollout_seconds", "evaluations", "gp_queries", "rollout_ns_per_gp_query",
-        "predicted_return", "return", "solved"]
+        "rollout_seconds", "evaluations", "gp_queries", "rollout_ns_per_gp_query", "lane_fill",
+        "idle_share", "predicted_return", "return", "solved"]
 
 claims = Claims()
 scratch = scratch_directory()
@@ -37,10 +37,13 @@ def json_lines():
                      math.isclose(e["rollout_ns_per_gp_query"] * e["gp_queries"],
                                   1e9 * e["rollout_seconds"], rel_tol=1e-12)
                      for e in episodes[1:]), episodes)
+    claims.check("--json: lanes are filled and threads idle by a share, null if no rollouts ran",
+                 all(0 < e["lane_fill"] <= 1 and 0 <= e["idle_share"] < 1 for e in episodes[1:])
+                 and episodes[0]["lane_fill"] is episodes[0]["idle_share"] is None, episodes)
     claims.check("--json: the search keeps its budget",
                  all(0 < e["evaluations"] <= 600 for e in episodes[1:]), episodes)
     claims.check("--json: the log is on standard error, without control characters",
-                 "episode 2" in result.stderr and
+                 "episode 2" in result.stderr and "% full, threads" in result.stderr and
                  all(c.isprintable() or c == "\n" for c in result.stderr), result.stderr)
 
 
@@ -71,7 +74,8 @@ def run_directory():
 
     for name, rows, columns in [("episodes.csv", 4, ["episode", "lane_fill", "predicted_return",
                                                      "solved"]),
-                                ("timing.csv", 4, ["episode", "search_seconds [s]"]),
+                                ("timing.csv", 4, ["episode", "search_seconds [s]",
+                                                   "idle_share"]),
                                 ("transitions.csv", 160, ["time [s]", "action.torque [N m]",
                                                           "observation.angle [rad]"]),
                                 ("plans.csv", 3 * 2, ["output", "backend", "points", "precision"]),

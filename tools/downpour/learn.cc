@@ -188,7 +188,10 @@ void RunToTheEnd(OpenRun* run) {
   progress.Start(learner, directory);
   Learner::Callbacks callbacks;
   callbacks.phase = [&](const std::string& phase) { progress.Phase(learner, phase); };
-  callbacks.search = [&](const PolicySearchProgress& search) { progress.Search(search); };
+  const int threads = learner.options().rollout.threads;
+  callbacks.search = [&](const PolicySearchProgress& search, const EvaluatorStatistics& batch) {
+    progress.Search(search, batch, threads);
+  };
   callbacks.stop = &stop_requested;
   while (!learner.done()) {
     const EpisodeRecord& record = learner.RunEpisode(callbacks);

@@ -66,6 +66,11 @@ std::string JsonLine(const EpisodeRecord& record) {
   line["gp_queries"] = record.gp_queries;
   line["rollout_ns_per_gp_query"] = nullptr;
   if (!record.random) line["rollout_ns_per_gp_query"] = RolloutNanosecondsPerQuery(record);
+  line["lane_fill"] = line["idle_share"] = nullptr;
+  if (!record.random) {
+    line["lane_fill"] = record.lane_fill;
+    line["idle_share"] = record.idle_share;
+  }
   line["predicted_return"] = nullptr;
   if (!record.random) line["predicted_return"] = record.predicted_return;
   line["return"] = record.real_return;
@@ -131,10 +136,12 @@ std::string QueryTimeText(const EpisodeRecord& record) {
   for (const double nanoseconds : record.query_nanoseconds) {
     outputs += fmt::format("{}{:.0f}", outputs.empty() ? "" : ", ", nanoseconds);
   }
-  return fmt::format("episode {}: {} GP queries in {} of rollouts, {:.0f} ns each; one thread: {}",
-                     record.episode, CountText(static_cast<double>(record.gp_queries)),
-                     SecondsText(record.rollout_seconds), RolloutNanosecondsPerQuery(record),
-                     outputs);
+  return fmt::format(
+      "episode {}: {} GP queries in {} of rollouts, {:.0f} ns each; one thread: {}; lanes {:.1f} % "
+      "full, threads {:.1f} % idle",
+      record.episode, CountText(static_cast<double>(record.gp_queries)),
+      SecondsText(record.rollout_seconds), RolloutNanosecondsPerQuery(record), outputs,
+      100 * record.lane_fill, 100 * record.idle_share);
 }
 
 // "solved at episode 4", "not solved".
@@ -247,7 +254,8 @@ void Progress::Phase(const Learner& learner, const std::string& phase) {
   }
 }
 
-void Progress::Search(const PolicySearchProgress& progress) {
+void Progress::Search(const PolicySearchProgress& progress, const EvaluatorStatistics& batch,
+                      int threads) {
   const Clock::time_point now = Clock::now();
   const bool due =
       terminal_ ? now - last_search_ >= kLivePeriod : now - last_search_ >= kPlainPeriod;
@@ -262,7 +270,9 @@ void Progress::Search(const PolicySearchProgress& progress) {
       fmt::format("{}/{} rollouts", Thousands(progress.evaluations), Thousands(progress.budget)),
       fmt::format("run {}", progress.runs_started),
       fmt::format("best {:.2f}", progress.best_return),
-      fmt::format("mean {:.2f}", progress.mean_return)};
+      fmt::format("mean {:.2f}", progress.mean_return),
+      fmt::format("lanes {:.0f} % full", 100 * batch.LaneFill()),
+      fmt::format("threads {:.0f} % idle", 100 * batch.IdleShare(threads))};
   if (!terminal_) return Line(fmt::format("{}{}  {}", start, left, fmt::join(figures, "  ")));
   Live(FittedLine(start, share, left, figures, LiveWidth()));
 }
