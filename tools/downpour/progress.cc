@@ -66,7 +66,8 @@ std::string JsonLine(const EpisodeRecord& record) {
   line["gp_queries"] = record.gp_queries;
   line["rollout_ns_per_gp_query"] = nullptr;
   if (!record.random) line["rollout_ns_per_gp_query"] = RolloutNanosecondsPerQuery(record);
-  line["lane_fill"] = line["idle_share"] = nullptr;
+  line["lane_fill"] = nullptr;
+  line["idle_share"] = nullptr;
   if (!record.random) {
     line["lane_fill"] = record.lane_fill;
     line["idle_share"] = record.idle_share;
