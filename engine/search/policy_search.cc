@@ -218,12 +218,13 @@ bool PolicySearch::RunGeneration(double share) {
     for (const SearchRun& running : runs_) batch_.groups.push_back(running.group());
   }
   const int n_runs = static_cast<int>(runs_.size());
-  const auto run = [this](int i) -> SearchRun& { return runs_[static_cast<std::size_t>(i)]; };
-  ParallelFor(n_runs, options_.threads, [&](int i) { run(i).Ask(&batch_); }, Assignment::kFixed);
+  const auto ask = [this](int i) { runs_[static_cast<std::size_t>(i)].Ask(&batch_); };
+  const auto tell = [this](int i) { runs_[static_cast<std::size_t>(i)].Tell(batch_); };
+  ParallelFor(n_runs, options_.threads, ask, Assignment::kFixed);
   objective_({static_cast<int>(batch_.n_candidates), batch_.parameters, batch_.keys,
               batch_.n_rollouts, batch_.first_rollout, batch_.groups},
              batch_.returns);
-  ParallelFor(n_runs, options_.threads, [&](int i) { run(i).Tell(batch_); }, Assignment::kFixed);
+  ParallelFor(n_runs, options_.threads, tell, Assignment::kFixed);
   evaluations_ += static_cast<std::int64_t>(batch_.n_returns);
   SummariseGeneration();
   for (const SearchRun& told : runs_) {
