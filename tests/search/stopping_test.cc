@@ -149,12 +149,13 @@ TEST_CASE("stopping: TolX, TolXUp and ConditionCov hold just when their definiti
 }
 
 TEST_CASE("stopping: a matrix that is no longer positive definite is infinitely ill-conditioned") {
-  constexpr int kP = 3, kLambda = 6;
+  constexpr int kP = 8, kLambda = 10;
   const StrategyParameters parameters = MakeStrategyParameters(CovarianceForm::kFull, kP, kLambda);
   FullCovariance covariance(parameters, kP, kLambda);
   const Eigen::MatrixXd z = Eigen::MatrixXd::Ones(kP, kLambda), y = 0 * z;
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(kP);
-  const int ranking[kLambda] = {0, 1, 2, 3, 4, 5};
+  const int ranking[kLambda] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9};
+  // The factor is due, the axes are not.
   const int due = static_cast<int>(1 / (kP * (parameters.c_1 + parameters.c_mu))) + 1;
   covariance.Update({parameters, z, y, ranking, zero, zero, 1, due});
   CHECK(covariance.condition() == 1);
