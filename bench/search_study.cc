@@ -156,8 +156,8 @@ class Watcher {
     for (const auto& policy : policies) {
       parameters.insert(parameters.end(), policy.begin(), policy.end());
     }
-    const std::vector<StreamKey> keys(
-        policies.size(), DeriveKey(seed_, StreamPurpose::kEvaluate, {looks_}));
+    const std::vector<StreamKey> keys(policies.size(),
+                                      DeriveKey(seed_, StreamPurpose::kEvaluate, {looks_}));
     const std::vector<int> n_rollouts(policies.size(), n);
     const std::vector<int> first(policies.size(), stage * kStageStride);
     std::vector<double> returns(policies.size() * static_cast<std::size_t>(n));

@@ -10,12 +10,11 @@ namespace downpour {
 // - OpenBLAS 0.3.21 does not know CPUs newer than itself and runs its SSE3 kernels ("Prescott") on
 //   them, six times slower than the AVX-512 ones. OPENBLAS_CORETYPE names the kernels to use.
 // - OpenMP threads that wait spin for long, and so keep a core from the thread they wait for when
-// the
-//   machine has other work; those that sleep at once (OMP_WAIT_POLICY=passive) take 50 us to wake,
-//   a tenth of a generation's time. GOMP_SPINCOUNT=2000, some 0.1 ms, lets them spin between the
-//   regions of a generation and no longer. ns a query of a search, two threads alone / four threads
-//   on four cores with three other processes: passive 89 / 180, 2000 spins 81 / 153-194, 20000
-//   spins 79 / 392, the default 300000 79 / 1109.
+//   the machine has other work; those that sleep at once (OMP_WAIT_POLICY=passive) take 50 us to
+//   wake, a tenth of a generation's time. GOMP_SPINCOUNT=2000, some 0.1 ms, lets them spin between
+//   the regions of a generation and no longer. ns a query of a search, two threads alone: passive
+//   89, 2000 spins 81, 20000 spins 79; four threads on four cores with three other processes: 180,
+//   153-194, 392, and 1109 with the default of 300000.
 
 // Kernel family that OpenBLAS runs in this process, e.g. "SkylakeX". Thread-safe.
 std::string BlasCoreName();

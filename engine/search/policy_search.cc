@@ -355,8 +355,8 @@ PolicySearchResult PolicySearch::Finish() {
 }
 
 PolicySearchProgress PolicySearch::Progress() const {
-  return {evaluations_, options_.evaluations, scheduler_.runs_started(), best_return_,
-          mean_return_, runs_};
+  return {evaluations_, options_.evaluations, scheduler_.runs_started(),
+          best_return_, mean_return_,         runs_};
 }
 
 }  // namespace

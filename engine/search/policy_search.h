@@ -140,10 +140,11 @@ struct PolicySearchResult {
 // is less, for each of at most 8 finalists and for the prediction.
 //
 // All random numbers derive from (seed, episode, run, generation, candidate), less what
-// common_random_numbers leaves out; the result depends on nothing else. A return that is not finite counts as worse than any other.
-// `progress` (may be empty) is called after every batch; `stop` (may be null) is looked at between
-// batches and ends the search by throwing Interrupted. Throws InvalidInput for options out of
-// range, an empty or non-finite start, or a budget that holds not even one generation.
+// common_random_numbers leaves out; the result depends on nothing else. A return that is not finite
+// counts as worse than any other. `progress` (may be empty) is called after every batch; `stop`
+// (may be null) is looked at between batches and ends the search by throwing Interrupted. Throws
+// InvalidInput for options out of range, an empty or non-finite start, or a budget that holds not
+// even one generation.
 PolicySearchResult SearchPolicy(const PolicySearchOptions& options, std::span<const double> start,
                                 std::uint64_t seed, std::uint32_t episode,
                                 const BatchObjective& objective,
