@@ -35,6 +35,8 @@ def product(**choices):
 
 def tables(task):
     usual = {"cartpole": 0.5, "pendulum": 1}[task]  # first_sigma before this study
+    best = {"cartpole": 0.25, "pendulum": 1}[task]
+    population = {"cartpole": 32, "pendulum": 24}[task]
     sigmas = [0.1, 0.25, 0.5, 1, 2.5, 5]
     restarts = ["single", "ipop", "bipop", "small"]
     one = {"exploration": 1, "concurrent": 1}
@@ -52,6 +54,20 @@ def tables(task):
                      + product(restarts=restarts, rollouts=[5, 20])
                      + product(restarts=["single", "small"],
                                common_random_numbers=["generation", "search"])],
+        # Fixed settings as a prototype had them (lambda, sigma_0), run again and again from
+        # uniform starts; and its rule: the first run from the last policy, restarts that draw sigma.
+        "prototype": [{**one, "restarts": "small", "population": population, "start": "uniform",
+                       "first-sigma": sigma, "restart-sigma": sigma, "restart-decades": 0}
+                      for population, sigma in [(16, 5), (16, 1), (32, 1), (32, 0.5), (64, 1)]]
+                     + [{**one, "restarts": "small", "population": population,
+                         "first-sigma": usual}],
+        "refined": [{"restarts": "small", "exploration": 0.3, "promotions": 3, **row} for row in
+                    product(concurrent=[4, 8], local_share=[0.5], first_sigma=[best],
+                            population=[0, 16])
+                    + product(concurrent=[4, 8], local_share=[0.75], first_sigma=[best])
+                    + product(concurrent=[4], local_share=[0.5], first_sigma=[best / 2])]
+                   + [{**one, "restarts": "small", "local-share": 0.5, "first-sigma": best,
+                       "population": 16}],
         # Who gets the budget: so many runs side by side, some of them from the last policy, and
         # successive halving or not.
         "allocation": [{**all_alike, **row} for row in
