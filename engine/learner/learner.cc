@@ -139,7 +139,9 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
     evaluator.Evaluate(batch.parameters, batch.keys, batch.n_rollouts, batch.first_rollout, returns,
                        batch.groups);
   };
-  PolicySearchResult result = SearchPolicy(options.search, FirstPolicy(state, policy), options.seed,
+  PolicySearchOptions search = options.search;
+  if (LastLearnt(state) == nullptr) search.local_share = 0;  // there is no last policy
+  PolicySearchResult result = SearchPolicy(search, FirstPolicy(state, policy), options.seed,
                                            static_cast<std::uint32_t>(record->episode), objective,
                                            progress, callbacks.stop);
   record->policy = std::move(result.parameters);

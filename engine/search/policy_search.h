@@ -52,7 +52,7 @@ struct PolicySearchOptions {
   double exploration = 0.55;
   int promotions = 2;  // stages after exploration; the last with 2 `rollouts`; [1, 10]
   // Share of the restarts that begin as the first run does, at the last policy with first_sigma;
-  // [0, 1].
+  // [0, 1]. The learner takes 0 as long as there is none.
   double local_share = 0;
   int final_rollouts = 480;      // that compare each of the best final means, and again for the
                                  // prediction of the winner; [1, 1e6]

@@ -50,11 +50,69 @@ TEST_CASE("policy_search: runs that were passed over go on before new ones start
   options.evaluations = 40000;
   options.concurrent = 8;
   options.exploration = 0.4;
+  options.promotions = 2;
   const PolicySearchResult result = Search(options, Noisy(Rastrigin, 1));
   REQUIRE(result.runs.size() > 8);
   // Only the two of the last stage are left: all others have converged.
   CHECK(std::count_if(result.runs.begin(), result.runs.end(),
                       [](const RunRecord& run) { return run.stop == "budget"; }) == 2);
+}
+
+TEST_CASE("policy_search: every promotion halves the runs, and the last one doubles the rollouts") {
+  PolicySearchOptions options = SmallOptions();
+  options.evaluations = 40000;
+  options.concurrent = 8;
+  options.population = 10;
+  options.exploration = 0.4;
+  options.promotions = 3;
+  std::vector<std::int64_t> spent(9, 0);  // by runs side by side
+  const BatchObjective inner = Noisy(Rastrigin, 1);
+  int twice = 0;
+  const auto objective = [&](const CandidateBatch& batch, std::span<double> returns) {
+    inner(batch, returns);
+    if (batch.n_rollouts[0] > 2) return;  // a comparison
+    const int n_runs = batch.n_candidates / 10;
+    if (n_runs > 1) CHECK(batch.n_rollouts[0] == 1);
+    twice += batch.n_rollouts[0] == 2;
+    spent[static_cast<std::size_t>(n_runs)] += std::ssize(returns);
+  };
+  const PolicySearchResult result = Search(options, objective);
+  CHECK(twice > 0);
+  // A batch less or more; the final comparison takes at most a fifth of the budget and 48 rollouts
+  // a run, as do the three between the stages.
+  for (const auto& [n_runs, share] : {std::pair(8, 0.4), {4, 0.2}, {2, 0.2}, {1, 0.2}}) {
+    const auto stage = static_cast<double>(spent[static_cast<std::size_t>(n_runs)]);
+    CHECK(stage < share * 40000 + 80);
+    CHECK(stage > share * (0.8 * 40000 - 4.0 * 48 * static_cast<double>(result.runs.size())) - 80);
+  }
+  CHECK(std::count(spent.begin(), spent.end(), 0) == 5);
+}
+
+TEST_CASE("policy_search: the local share of the restarts begins at the last policy") {
+  for (const auto& [share, expected] : {std::pair(0.0, 1), {0.5, 4}, {0.75, 6}, {1.0, 8}}) {
+    PolicySearchOptions options = SmallOptions();
+    options.concurrent = 8;
+    options.population = 10;
+    options.first_sigma = 1e-3;
+    options.local_share = share;
+    const std::vector<double> start(kP, 1.25);
+    int near = 0, batches = 0;
+    const BatchObjective inner = Noisy(Hill, 1);
+    const auto objective = [&](const CandidateBatch& batch, std::span<double> returns) {
+      inner(batch, returns);
+      if (batches++ > 0) return;
+      for (std::size_t run = 0; run < 8; ++run) {
+        const auto first = batch.parameters.subspan(run * 10 * kP, kP);
+        near += std::all_of(first.begin(), first.end(),
+                            [](double v) { return std::abs(v - 1.25) < 0.01; });
+      }
+    };
+    const PolicySearchResult result = SearchPolicy(options, start, 1, 1, objective, {}, nullptr);
+    CHECK(near == expected);
+    CHECK(std::count_if(result.runs.begin(), result.runs.begin() + 8, [](const RunRecord& run) {
+            return run.initial_sigma == 1e-3;
+          }) == expected);
+  }
 }
 
 TEST_CASE("policy_search: a selection between runs spends any budget and no more") {
