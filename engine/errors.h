@@ -18,6 +18,13 @@ class FileError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
+// A real system that could not go on: it did not answer, ended, answered nonsense or was stopped by
+// its operator. what() is one line that says how.
+class SystemFailure : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
 // A request to stop (Ctrl-C) was seen; nothing finished has been lost.
 class Interrupted : public std::runtime_error {
  public:

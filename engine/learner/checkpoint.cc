@@ -149,6 +149,8 @@ Json EpisodeToJson(const EpisodeRecord& record) {
           {"predicted_return", JsonNumber(record.predicted_return)},
           {"real_return", JsonNumber(record.real_return)},
           {"solved", record.solved},
+          {"steps", record.steps},
+          {"outcome", record.outcome},
           {"policy", JsonNumbers(record.policy)},
           {"hyperparameters", hyperparameters},
           {"jitter", JsonNumbers(record.jitter)},
@@ -215,6 +217,8 @@ EpisodeRecord EpisodeFromJson(const JsonField& field) {
   record.predicted_return = field["predicted_return"].Number();
   record.real_return = field["real_return"].Number();
   record.solved = field["solved"].Bool();
+  record.steps = field["steps"].Int(1, kMaxInt);
+  record.outcome = field["outcome"].String();
   record.policy = field["policy"].Numbers();
   for (const JsonField& item : field["hyperparameters"].Items()) {
     record.hyperparameters.push_back(

@@ -36,15 +36,15 @@ const char* Boolean(bool value) { return value ? "true" : "false"; }
 std::string EpisodesCsv(const LearnerState& state) {
   std::string csv =
       "episode,random,interaction_seconds [s],points,evaluations [rollouts],gp_queries,"
-      "diverged [rollouts],lane_fill,predicted_return,return,solved\n";
+      "diverged [rollouts],lane_fill,predicted_return,return,solved,steps,outcome\n";
   for (const EpisodeRecord& record : state.episodes) {
-    AppendRow(
-        {std::to_string(record.episode), Boolean(record.random),
-         CsvField(record.interaction_seconds), std::to_string(record.points),
-         std::to_string(record.evaluations), std::to_string(record.gp_queries),
-         std::to_string(record.diverged), CsvField(record.lane_fill),
-         CsvField(record.predicted_return), CsvField(record.real_return), Boolean(record.solved)},
-        &csv);
+    AppendRow({std::to_string(record.episode), Boolean(record.random),
+               CsvField(record.interaction_seconds), std::to_string(record.points),
+               std::to_string(record.evaluations), std::to_string(record.gp_queries),
+               std::to_string(record.diverged), CsvField(record.lane_fill),
+               CsvField(record.predicted_return), CsvField(record.real_return),
+               Boolean(record.solved), std::to_string(record.steps), CsvField(record.outcome)},
+              &csv);
   }
   return csv;
 }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <stdexcept>
 #include <string>
 
 #include "engine/errors.h"
@@ -32,43 +33,74 @@ void CheckFinite(std::span<const double> values, const std::vector<Variable>& va
   }
 }
 
+// What the steps of an episode work on.
+struct Episode {
+  const Task& task;
+  System& system;
+  int episode;
+  StreamKey noise_key;
+  const Controller& controller;
+  std::vector<double> noise_std;  // (E) of what is added to the system's states
+  std::vector<double> states;     // (H + 1 x E) of the system
+  std::vector<double> observation;
+};
+
+// Step `step` from the episode's observation, which it replaces.
+Transition RunStep(int step, Episode* e) {
+  const Task& task = e->task;
+  const std::size_t n_states = task.states.size();
+  Transition transition;
+  transition.episode = e->episode;
+  transition.step = step;
+  transition.observation = e->observation;
+  transition.action.resize(task.actions.size());
+  std::vector<double> features(task.features.size());
+  ComputeFeatures(task, e->observation, features);
+  e->controller(step, features, transition.action);
+  CheckFinite(transition.action, task.actions, e->episode, step);
+  for (std::size_t i = 0; i < task.actions.size(); ++i) {
+    const double limit = task.action_limits[i];
+    transition.action[i] = std::clamp(transition.action[i], -limit, limit);
+  }
+  const std::span<double> next = std::span(e->states).subspan((step + 1) * n_states, n_states);
+  e->system.Step(transition.action, next);
+  CheckFinite(next, task.states, e->episode, step);
+  e->observation = AddNoise(next, e->noise_std, e->noise_key, static_cast<std::uint32_t>(step) + 1);
+  transition.next_observation = e->observation;
+  transition.next_state.assign(next.begin(), next.end());
+  transition.reward = e->system.reward().value_or(ComputeReward(task, next));
+  return transition;
+}
+
 }  // namespace
 
 Execution ExecuteEpisode(const Task& task, System& system, int episode, StreamKey start_key,
                          StreamKey noise_key, const Controller& controller) {
+  const std::size_t n_states = task.states.size();
+  Episode e{task, system, episode, noise_key, controller, task.observation_std, {}, {}};
+  if (system.measured()) e.noise_std.assign(n_states, 0.0);
+  e.states.resize(n_states * (task.horizon + 1));
+  const std::span<double> first = std::span(e.states).first(n_states);
+  system.Begin(episode, AddNoise(task.start_mean, task.start_std, start_key, 0), first);
+  e.observation = AddNoise(first, e.noise_std, noise_key, 0);
   Execution execution;
-  const std::size_t n_states = static_cast<std::size_t>(task.n_states());
-  std::vector<double> states = AddNoise(task.start_mean, task.start_std, start_key, 0);
-  states.resize(n_states * (task.horizon + 1));
-  system.Reset(std::span(states).first(n_states));
-  std::vector<double> features(task.features.size());
-  std::vector<double> observation =
-      AddNoise(std::span(states).first(n_states), task.observation_std, noise_key, 0);
-  for (int step = 0; step < task.horizon; ++step) {
-    Transition transition;
-    transition.episode = episode;
-    transition.step = step;
-    transition.observation = observation;
-    transition.action.resize(task.actions.size());
-    ComputeFeatures(task, observation, features);
-    controller(step, features, transition.action);
-    CheckFinite(transition.action, task.actions, episode, step);
-    for (std::size_t i = 0; i < task.actions.size(); ++i) {
-      const double limit = task.action_limits[i];
-      transition.action[i] = std::clamp(transition.action[i], -limit, limit);
+  try {
+    for (int step = 0; step < task.horizon && !(step > 0 && system.done()); ++step) {
+      execution.transitions.push_back(RunStep(step, &e));
+      execution.real_return += execution.transitions.back().reward;
     }
-    const std::span<double> next = std::span(states).subspan((step + 1) * n_states, n_states);
-    system.Step(transition.action, next);
-    CheckFinite(next, task.states, episode, step);
-    observation =
-        AddNoise(next, task.observation_std, noise_key, static_cast<std::uint32_t>(step) + 1);
-    transition.next_observation = observation;
-    transition.next_state.assign(next.begin(), next.end());
-    transition.reward = ComputeReward(task, next);
-    execution.real_return += transition.reward;
-    execution.transitions.push_back(std::move(transition));
+  } catch (const std::runtime_error& error) {
+    system.End();
+    const std::size_t n_steps = execution.transitions.size();
+    if (!system.measured() || n_steps == 0) throw;
+    execution.outcome =
+        std::string(kAborted) + " at step " + std::to_string(n_steps) + ": " + error.what();
+    return execution;
   }
-  execution.solved = task.solved(states);
+  system.End();
+  const bool whole = execution.transitions.size() == static_cast<std::size_t>(task.horizon);
+  if (!whole) execution.outcome = kDone;
+  execution.solved = whole && task.solved(e.states);
   return execution;
 }
 

@@ -184,6 +184,8 @@ Controller MakeController(const Task& task, const Policy& policy, const EpisodeR
 
 }  // namespace
 
+bool Aborted(const EpisodeRecord& record) { return record.outcome.starts_with(kAborted); }
+
 double RolloutNanosecondsPerQuery(const EpisodeRecord& record) {
   if (record.random) return std::numeric_limits<double>::quiet_NaN();
   return 1e9 * record.rollout_seconds / static_cast<double>(record.gp_queries);
@@ -200,7 +202,7 @@ Learner::Learner(Task task, LearnerOptions options, LearnerState state)
   CheckPolicySearchOptions(options_.search, origin);
   CheckSearchBudget(options_.search, origin, options_.seed, options_.random_episodes + 1);
   CheckState(task_, options_, policy_->n_parameters(), state_);
-  system_ = task_.make_system();
+  if (!done()) system_ = task_.make_system();
 }
 
 bool Learner::done() const {
@@ -213,7 +215,6 @@ const EpisodeRecord& Learner::RunEpisode(const Callbacks& callbacks) {
   EpisodeRecord record;
   record.episode = static_cast<int>(state_.episodes.size()) + 1;
   record.random = record.episode <= options_.random_episodes;
-  record.interaction_seconds = record.episode * task_.horizon * task_.control_period;
   record.predicted_return = record.lane_fill = record.idle_share =
       std::numeric_limits<double>::quiet_NaN();
   record.platform = CurrentPlatform();
@@ -224,6 +225,7 @@ const EpisodeRecord& Learner::RunEpisode(const Callbacks& callbacks) {
     LearnPolicy(task_, options_, state_, *policy_, callbacks, &model, &record);
   }
   BeginPhase(callbacks, "execute");
+  if (system_ == nullptr) system_ = task_.make_system();
   const std::uint32_t episode = static_cast<std::uint32_t>(record.episode);
   Execution execution =
       ExecuteEpisode(task_, *system_, record.episode,
@@ -232,6 +234,11 @@ const EpisodeRecord& Learner::RunEpisode(const Callbacks& callbacks) {
                      MakeController(task_, *policy_, record, options_.seed));
   record.real_return = execution.real_return;
   record.solved = execution.solved;
+  record.outcome = std::move(execution.outcome);
+  record.steps = static_cast<int>(execution.transitions.size());
+  record.interaction_seconds =
+      static_cast<double>(state_.transitions.size() + execution.transitions.size()) *
+      task_.control_period;
   // Room first: nothing below throws with half of the episode in the state.
   state_.episodes.reserve(state_.episodes.size() + 1);
   state_.transitions.reserve(state_.transitions.size() + execution.transitions.size());

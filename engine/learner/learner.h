@@ -38,7 +38,7 @@ struct Transition {
   std::vector<double> observation;       // (E) before the action
   std::vector<double> action;            // (A)
   std::vector<double> next_observation;  // (E)
-  std::vector<double> next_state;        // (E) noise-free
+  std::vector<double> next_state;        // (E) noise-free; as measured on a measured system
   double reward = 0;                     // of next_state
 };
 
@@ -62,6 +62,12 @@ struct PlanRecord {
   double mean_error = 0;  // worst seen, |error| / sqrt(variance + noise variance)
 };
 
+// How an episode ended: whole; by the system, early; or aborted, kAborted and then the step and
+// why.
+inline constexpr const char* kComplete = "complete";
+inline constexpr const char* kDone = "done";
+inline constexpr const char* kAborted = "aborted";
+
 struct EpisodeRecord {
   int episode = 0;  // from 1
   bool random = false;
@@ -80,7 +86,9 @@ struct EpisodeRecord {
   double predicted_return = 0;  // NaN for a random episode
   double real_return = 0;
   bool solved = false;
-  std::vector<double> policy;                    // (P), empty for a random episode
+  int steps = 0;                    // on the system: H if complete, else at least one
+  std::string outcome = kComplete;  // or kDone, or kAborted + " at step 3: no answer ..."
+  std::vector<double> policy;       // (P), empty for a random episode
   std::vector<Hyperparameters> hyperparameters;  // (E), empty for a random episode
   // (E) added to the diagonal of K, in units of signal_std^2; mostly 0 (gp_model.h); empty for a
   // random episode.
@@ -94,6 +102,9 @@ struct EpisodeRecord {
   std::vector<RunRecord> runs;
   Platform platform;
 };
+
+// True if the episode was aborted.
+bool Aborted(const EpisodeRecord& record);
 
 // Wall time of the search's rollouts, all threads, a GP query in ns: policy, sampling and reward
 // are in it. NaN for a random episode.
@@ -122,8 +133,9 @@ class Learner {
   Learner(Task task, LearnerOptions options, LearnerState state = {});
 
   bool done() const;  // all episodes run, or solved with until_solved
-  // Runs the next episode and appends it to state(). Throws Interrupted, state() unchanged, if
-  // callbacks.stop became true.
+  // Runs the next episode and appends it to state(); on a measured system also one that was aborted
+  // after its first step. Throws, state() unchanged: Interrupted if callbacks.stop became true,
+  // SystemFailure if a measured system failed before its first step.
   const EpisodeRecord& RunEpisode(const Callbacks& callbacks);
 
   const Task& task() const { return task_; }

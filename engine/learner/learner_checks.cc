@@ -57,8 +57,21 @@ void CheckEach(const std::string& name, const std::vector<double>& values, int w
   }
 }
 
+// Complete and H steps, or fewer and cut short.
+void CheckOutcome(const std::string& name, const EpisodeRecord& record, int horizon) {
+  const bool complete = record.outcome == kComplete;
+  if (!complete && record.outcome != kDone && !Aborted(record)) {
+    throw InvalidInput(name + ".outcome = \"" + record.outcome +
+                       "\": must be complete, done or "
+                       "aborted ...");
+  }
+  CheckRange((name + ".steps").c_str(), record.steps, complete ? horizon : 1,
+             complete ? horizon : horizon - 1);
+}
+
 void CheckEpisode(const std::string& name, const EpisodeRecord& record, const Task& task,
                   int n_parameters) {
+  CheckOutcome(name, record, task.horizon);
   CheckFinite(name + ".real_return", record.real_return);
   CheckEach(name + ".policy", record.policy, record.random ? 0 : n_parameters, CheckFinite);
   CheckSize(name + ".hyperparameters", record.hyperparameters.size(),
@@ -129,21 +142,25 @@ void CheckTask(const Task& task) {
 
 void CheckState(const Task& task, const LearnerOptions& options, int n_parameters,
                 const LearnerState& state) {
-  CheckSize("transitions", state.transitions.size(), state.episodes.size() * task.horizon);
+  std::int64_t n_transitions = 0;
   for (std::size_t i = 0; i < state.episodes.size(); ++i) {
     const EpisodeRecord& record = state.episodes[i];
     const std::string name = "episodes[" + std::to_string(i) + "]";
     CheckEqual(name + ".episode", record.episode, static_cast<std::int64_t>(i) + 1);
     CheckEqual(name + ".random", record.random, record.episode <= options.random_episodes);
     CheckEpisode(name, record, task, n_parameters);
+    n_transitions += record.steps;
   }
-  for (std::size_t i = 0; i < state.transitions.size(); ++i) {
-    const Transition& transition = state.transitions[i];
-    const std::string name = "transitions[" + std::to_string(i) + "]";
-    CheckEqual(name + ".episode", transition.episode,
-               static_cast<std::int64_t>(i) / task.horizon + 1);
-    CheckEqual(name + ".step", transition.step, static_cast<std::int64_t>(i) % task.horizon);
-    CheckTransition(name, transition, task);
+  CheckSize("transitions", state.transitions.size(), static_cast<std::size_t>(n_transitions));
+  std::size_t i = 0;
+  for (const EpisodeRecord& record : state.episodes) {
+    for (int step = 0; step < record.steps; ++step, ++i) {
+      const Transition& transition = state.transitions[i];
+      const std::string name = "transitions[" + std::to_string(i) + "]";
+      CheckEqual(name + ".episode", transition.episode, record.episode);
+      CheckEqual(name + ".step", transition.step, step);
+      CheckTransition(name, transition, task);
+    }
   }
 }
 

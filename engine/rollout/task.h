@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <algorithm>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -35,6 +37,24 @@ class System {
   // Holds `action` (A, already clipped to the limits) for one control period, then writes the
   // noise-free state (E).
   virtual void Step(std::span<const double> action, std::span<double> state) = 0;
+
+  // The rest is for hardware (engine/robot); a simulator keeps these defaults. Hardware throws
+  // SystemFailure, or Interrupted on a request to stop, and has been told to stop by then.
+
+  // True if states are measurements: they carry noise of their own, and no noise-free ones exist.
+  virtual bool measured() const { return false; }
+  // Begins an episode at `start` (E), or where hardware has to start, and writes that state (E).
+  virtual void Begin(int episode, std::span<const double> start, std::span<double> state) {
+    static_cast<void>(episode);
+    Reset(start);
+    std::copy(start.begin(), start.end(), state.begin());
+  }
+  // Of the last Step: the reward that the system itself gave (none: that of the task holds), and
+  // whether the system ended the episode with it.
+  virtual std::optional<double> reward() const { return std::nullopt; }
+  virtual bool done() const { return false; }
+  // The episode is over: no action holds any longer.
+  virtual void End() noexcept {}
 };
 
 // All that the learner knows about a task. States are rows of E numbers in the order of

@@ -24,6 +24,7 @@ class RunInterrupted : public std::runtime_error {
 void AddLearnCommand(CLI::App* app, const std::string& program);
 void AddEvaluateCommand(CLI::App* app);
 void AddTasksCommand(CLI::App* app);
+void AddSimulateCommand(CLI::App* app);
 void AddDoctorCommand(CLI::App* app);
 
 }  // namespace downpour

@@ -11,6 +11,13 @@
 
 namespace downpour {
 
+// The real system, if it is no simulator.
+struct SystemConfig {
+  std::string program;  // "exec:PROGRAM ARGS"; empty: the task's simulator
+  double timeout = 0;
+  double setup_timeout = 60;
+};
+
 // Everything that can be set for a run.
 struct RunConfig {
   std::string task;
@@ -18,6 +25,7 @@ struct RunConfig {
   std::string mjcf;
   double observation_std = -1;  // negative: the task's own
   LearnerOptions learner;
+  SystemConfig system;
   std::string output_directory;
   bool quiet = false;
   bool json = false;

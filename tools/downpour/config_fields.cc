@@ -236,6 +236,32 @@ std::vector<Field> RolloutFields(EvaluatorOptions& rollout) {
   };
 }
 
+std::vector<Field> SystemFields(SystemConfig& system) {
+  return {
+      {.key = "system.program",
+       .option = "--system",
+       .target = &system.program,
+       .description = "\"exec:PROGRAM ARGS\": a program that drives a robot (docs/robot.md); "
+                      "empty: the task's simulator.",
+       .option_help = "\"exec:PROGRAM ARGS\": a program that drives a robot (docs/robot.md), in "
+                      "place of the simulator."},
+      {.key = "system.timeout",
+       .option = "",
+       .target = &system.timeout,
+       .min = 0,
+       .max = 3600,
+       .description =
+           "Seconds that a robot may take to answer an action; 0: five control periods."},
+      {.key = "system.setup_timeout",
+       .option = "",
+       .target = &system.setup_timeout,
+       .min = 0,
+       .max = 86400,
+       .above_min = true,
+       .description = "Seconds that it may take to get ready for an episode."},
+  };
+}
+
 std::vector<Field> OutputFields(RunConfig& config) {
   return {
       {.key = "output.directory",
@@ -279,8 +305,9 @@ struct RangeText {
 
 std::vector<Field> ConfigFields(RunConfig& config) {
   std::vector<Field> fields = RunFields(config);
-  for (const auto& part : {SearchFields(config.learner.search),
-                           RolloutFields(config.learner.rollout), OutputFields(config)}) {
+  for (const auto& part :
+       {SearchFields(config.learner.search), RolloutFields(config.learner.rollout),
+        SystemFields(config.system), OutputFields(config)}) {
     fields.insert(fields.end(), part.begin(), part.end());
   }
   return fields;

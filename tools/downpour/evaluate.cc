@@ -19,6 +19,8 @@
 #include "tools/downpour/commands.h"
 #include "tools/downpour/config.h"
 #include "tools/downpour/option_help.h"
+#include "tools/downpour/robot.h"
+#include "tools/downpour/stop.h"
 
 namespace downpour {
 namespace {
@@ -29,6 +31,7 @@ struct EvaluateArguments {
   int starts = 100;
   double start_std = 0.01;
   std::uint64_t seed = 0;
+  std::string robot;  // --system
   bool json = false;
 };
 
@@ -45,7 +48,7 @@ std::vector<Field> EvaluateFields(EvaluateArguments& arguments) {
        .target = &arguments.starts,
        .min = 1,
        .max = 1e6,
-       .description = "Number of starts."},
+       .description = "Number of starts; with --system 1 if left out."},
       {.key = "start_std",
        .option = "--start-std",
        .target = &arguments.start_std,
@@ -58,13 +61,19 @@ std::vector<Field> EvaluateFields(EvaluateArguments& arguments) {
        .min = 0,
        .max = kMaxSeed,
        .description = "Seed of the starts and the noise."},
+      {.key = "system",
+       .option = "--system",
+       .target = &arguments.robot,
+       .description = "\"exec:PROGRAM ARGS\": run on the robot that the program drives "
+                      "(docs/robot.md)."},
   };
 }
 
 struct Evaluation {
   std::vector<double> returns;  // (starts) sorted
   int n_solved = 0;
-  int n_diverged = 0;  // starts whose simulation broke: return 0, not solved
+  int n_diverged = 0;   // starts whose simulation broke: return 0, not solved
+  std::string failure;  // of the robot, which ended the evaluation; "": none
 };
 
 // Quantile of sorted values, linear between neighbours (NumPy's default).
@@ -91,12 +100,18 @@ Evaluation RunStarts(Task task, const SavedPolicy& saved, const EvaluateArgument
     const auto start = static_cast<std::uint32_t>(i);
     Execution execution;
     try {
-      execution = ExecuteEpisode(task, *system, saved.episode,
-                                 DeriveKey(arguments.seed, StreamPurpose::kEvaluate, {start, 0}),
-                                 DeriveKey(arguments.seed, StreamPurpose::kEvaluate, {start, 1}),
-                                 controller);
+      execution = ExecuteEpisode(
+          task, *system, i + 1, DeriveKey(arguments.seed, StreamPurpose::kEvaluate, {start, 0}),
+          DeriveKey(arguments.seed, StreamPurpose::kEvaluate, {start, 1}), controller);
     } catch (const InvalidInput&) {  // a number that is not finite
       ++evaluation.n_diverged;
+    } catch (const SystemFailure& failure) {
+      execution.outcome = fmt::format("{} before its first step: {}", kAborted, failure.what());
+    }
+    if (execution.outcome.starts_with(kAborted)) {
+      evaluation.failure =
+          fmt::format("start {} of {} {}", i + 1, arguments.starts, execution.outcome);
+      break;
     }
     evaluation.returns.push_back(execution.real_return);
     evaluation.n_solved += execution.solved ? 1 : 0;
@@ -107,13 +122,14 @@ Evaluation RunStarts(Task task, const SavedPolicy& saved, const EvaluateArgument
 
 void Print(const EvaluateArguments& arguments, const SavedPolicy& saved, const Evaluation& result) {
   const std::vector<double>& returns = result.returns;
-  const double share = static_cast<double>(result.n_solved) / arguments.starts;
+  const std::size_t n_starts = returns.size();
+  const double share = result.n_solved / static_cast<double>(n_starts);
   if (arguments.json) {
     nlohmann::ordered_json line;
     line["run"] = arguments.run;
     line["task"] = saved.task;
     line["episode"] = saved.episode;
-    line["starts"] = arguments.starts;
+    line["starts"] = n_starts;
     line["start_std"] = arguments.start_std;
     line["seed"] = arguments.seed;
     line["mean"] = Mean(returns);
@@ -129,20 +145,23 @@ void Print(const EvaluateArguments& arguments, const SavedPolicy& saved, const E
     return;
   }
   fmt::print("{}, policy of episode {}, {} starts with std {} (seed {})\n", saved.task,
-             saved.episode, arguments.starts, arguments.start_std, arguments.seed);
+             saved.episode, n_starts, arguments.start_std, arguments.seed);
   fmt::print("return   mean {:.2f}   quartiles {:.2f}  {:.2f}  {:.2f}   range {:.2f} to {:.2f}\n",
              Mean(returns), Quantile(returns, 0.25), Quantile(returns, 0.5),
              Quantile(returns, 0.75), returns.front(), returns.back());
-  fmt::print("solved   {} of {} ({:.0f} %)\n", result.n_solved, arguments.starts, 100 * share);
+  fmt::print("solved   {} of {} ({:.0f} %)\n", result.n_solved, n_starts, 100 * share);
   if (result.n_diverged == 0) return;
   fmt::print("diverged {} of {}, each counted as a return of 0 and not solved\n", result.n_diverged,
-             arguments.starts);
+             n_starts);
 }
 
 void Evaluate(const EvaluateArguments& arguments) {
   const RunDirectory directory = RunDirectory::Open(arguments.run);
   const std::filesystem::path path = directory.path();
-  const ResolvedRun run = ResolveConfig(ReadConfigFile((path / "config.toml").string()));
+  ResolvedRun run = ResolveConfig(ReadConfigFile((path / "config.toml").string()));
+  // A robot moves only for those who ask for it, whatever the run was learnt on.
+  run.config.system.program = arguments.robot;
+  UseRobot(run.config, &run.task);
   const std::filesystem::path file =
       path / (arguments.episode == 0 ? std::string("policy.json")
                                      : fmt::format("policy_{}.json", arguments.episode));
@@ -153,7 +172,15 @@ void Evaluate(const EvaluateArguments& arguments) {
                                        : "--episode must be a learnt episode of the run"));
   }
   const SavedPolicy saved = ReadPolicy(file);
-  Print(arguments, saved, RunStarts(run.task, saved, arguments));
+  Evaluation evaluation;
+  try {
+    evaluation = RunStarts(run.task, saved, arguments);
+  } catch (const Interrupted&) {
+    throw RunInterrupted("interrupted", StopSignal());
+  }
+  if (!evaluation.returns.empty()) Print(arguments, saved, evaluation);
+  if (StopRequested()) throw RunInterrupted(evaluation.failure, StopSignal());
+  if (!evaluation.failure.empty()) throw SystemFailure(evaluation.failure);
 }
 
 }  // namespace
@@ -162,7 +189,7 @@ void AddEvaluateCommand(CLI::App* app) {
   CLI::App* command = app->add_subcommand(
       "evaluate",
       "Run the last policy of a run, or that of --episode, on the simulator from many noisy "
-      "starts");
+      "starts, or on a robot");
   auto arguments = std::make_shared<EvaluateArguments>();
   auto settings = std::make_shared<std::vector<Setting>>();
   command->add_option("RUN", arguments->run, "Run directory")->required()->check(NotEmpty());
@@ -173,11 +200,14 @@ void AddEvaluateCommand(CLI::App* app) {
     command
         ->add_option_function<std::string>(field.option, read,
                                            WithDefault(field.description, field))
-        ->type_name("N");
+        ->type_name(field.max > field.min ? "N" : "PATH");
   }
   command->add_flag("--json", arguments->json, "One JSON object on standard output");
   command->callback([arguments, settings] {
     ApplySettings(EvaluateFields(*arguments), *settings);
+    const bool counted = std::any_of(settings->begin(), settings->end(),
+                                     [](const Setting& s) { return s.key == "starts"; });
+    if (!arguments->robot.empty() && !counted) arguments->starts = 1;
     Evaluate(*arguments);
   });
 }

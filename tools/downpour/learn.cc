@@ -6,8 +6,6 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 #include <algorithm>
-#include <atomic>
-#include <csignal>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -25,29 +23,12 @@
 #include "tools/downpour/config.h"
 #include "tools/downpour/option_help.h"
 #include "tools/downpour/progress.h"
+#include "tools/downpour/robot.h"
 #include "tools/downpour/shell.h"
+#include "tools/downpour/stop.h"
 
 namespace downpour {
 namespace {
-
-// A signal handler reaches nothing but globals; lock-free, so that it may write them.
-std::atomic<bool> stop_requested{false};
-std::atomic<int> stop_signal{0};
-static_assert(std::atomic<bool>::is_always_lock_free && std::atomic<int>::is_always_lock_free);
-
-void RequestStop(int signal) {
-  stop_signal = signal;
-  stop_requested = true;
-}
-
-// The first Ctrl-C asks for a clean end; a second one ends at once.
-void InstallStopHandler() {
-  struct sigaction action {};
-  action.sa_handler = RequestStop;
-  action.sa_flags = SA_RESETHAND | SA_RESTART;
-  sigaction(SIGINT, &action, nullptr);
-  sigaction(SIGTERM, &action, nullptr);
-}
 
 // One option of the table of fields, as given.
 struct OptionValue {
@@ -107,6 +88,7 @@ OpenRun NewRun(const LearnArguments& arguments) {
   if (!arguments.config_file.empty()) settings = ReadConfigFile(arguments.config_file);
   for (Setting& setting : CommandLineSettings(arguments)) settings.push_back(std::move(setting));
   ResolvedRun run = ResolveConfig(settings);
+  UseRobot(run.config, &run.task);
   // The learner checks task and options before anything is written.
   Learner learner(run.task, run.config.learner);
   const std::filesystem::path path = run.config.output_directory.empty()
@@ -118,8 +100,8 @@ OpenRun NewRun(const LearnArguments& arguments) {
 
 // Refuses what would make a resumed run another run than the one that was stopped.
 void CheckResumeSettings(const LearnArguments& arguments, const std::vector<Setting>& settings) {
-  const std::vector<std::string> allowed = {"--episodes", "--threads", "--until-solved", "--quiet",
-                                            "--json"};
+  const std::vector<std::string> allowed = {"--episodes", "--threads", "--until-solved",
+                                            "--quiet",    "--json",    "--system"};
   const auto refuse = [&](const std::string& what) {
     throw InvalidInput(
         fmt::format("{} cannot be given with --resume, which goes on with the run's "
@@ -155,6 +137,7 @@ OpenRun ResumedRun(const LearnArguments& arguments) {
   }
   settings.insert(settings.end(), given.begin(), given.end());
   ResolvedRun run = ResolveConfig(settings);
+  UseRobot(run.config, &run.task);
   LearnerState state = directory.ReadState(run.task, run.config.learner);
   // A policy is written after the first checkpoint; starting anew would overwrite it.
   if (state.episodes.empty() && std::filesystem::exists(directory.path() / "policy.json")) {
@@ -170,14 +153,27 @@ OpenRun ResumedRun(const LearnArguments& arguments) {
 }
 
 // "episodes 1 to 3 are kept in DIR; go on with: downpour learn --resume DIR"
-std::string KeptMessage(const LearnerState& state, const std::string& program,
-                        const std::string& directory) {
+std::string KeptMessage(const LearnerState& state, const LearnerOptions& options,
+                        const std::string& program, const std::string& directory) {
   const std::size_t n = state.episodes.size();
+  // An aborted episode may be the last one.
+  const bool all_run = n >= static_cast<std::size_t>(options.episodes);
   const std::string kept = n == 0   ? "no episode was finished"
                            : n == 1 ? fmt::format("episode 1 is kept in {}", directory)
                                     : fmt::format("episodes 1 to {} are kept in {}", n, directory);
-  return fmt::format("{}; go on with: {} learn --resume {}", kept, ShellWord(program),
-                     ShellWord(directory));
+  return fmt::format("{}; go on with: {} learn --resume {}{}", kept, ShellWord(program),
+                     ShellWord(directory), all_run ? fmt::format(" --episodes {}", n + 1) : "");
+}
+
+// The next episode; a system that fails before its first step leaves none.
+const EpisodeRecord& RunEpisode(const Learner::Callbacks& callbacks, Learner* learner) {
+  try {
+    return learner->RunEpisode(callbacks);
+  } catch (const SystemFailure& failure) {
+    throw SystemFailure(fmt::format("episode {} {} before its first step: {}",
+                                    learner->state().episodes.size() + 1, kAborted,
+                                    failure.what()));
+  }
 }
 
 void RunToTheEnd(OpenRun* run) {
@@ -192,25 +188,38 @@ void RunToTheEnd(OpenRun* run) {
   callbacks.search = [&](const PolicySearchProgress& search, const EvaluatorStatistics& batch) {
     progress.Search(search, batch, threads);
   };
-  callbacks.stop = &stop_requested;
+  callbacks.stop = &StopRequested();
   while (!learner.done()) {
-    const EpisodeRecord& record = learner.RunEpisode(callbacks);
+    const EpisodeRecord& record = RunEpisode(callbacks, &learner);
     run->directory.Write(learner);
     progress.Episode(learner.task(), record);
+    if (!Aborted(record)) continue;
+    if (StopRequested()) throw Interrupted();
+    throw SystemFailure(fmt::format("episode {} {}", record.episode, record.outcome));
   }
   progress.Finish(learner, directory);
 }
 
+OpenRun Open(const LearnArguments& arguments) {
+  try {
+    return arguments.resume.empty() ? NewRun(arguments) : ResumedRun(arguments);
+  } catch (const Interrupted&) {  // while a robot got ready
+    throw RunInterrupted("interrupted", StopSignal());
+  }
+}
+
 void Learn(const LearnArguments& arguments) {
-  OpenRun run = arguments.resume.empty() ? NewRun(arguments) : ResumedRun(arguments);
+  OpenRun run = Open(arguments);
   const std::string directory = run.directory.path().string();
   const auto kept = [&](const LearnerState& state) {
-    return KeptMessage(state, arguments.program, directory);
+    return KeptMessage(state, run.config.learner, arguments.program, directory);
   };
   try {
     RunToTheEnd(&run);
   } catch (const Interrupted&) {
-    throw RunInterrupted("interrupted; " + kept(run.learner.state()), stop_signal);
+    throw RunInterrupted("interrupted; " + kept(run.learner.state()), StopSignal());
+  } catch (const SystemFailure& failure) {
+    throw SystemFailure(fmt::format("{}; {}", failure.what(), kept(run.learner.state())));
   } catch (const std::bad_alloc&) {
     throw std::runtime_error("out of memory; what is finished is kept: " +
                              kept(run.learner.state()));
@@ -262,7 +271,8 @@ void AddLearnCommand(CLI::App* app, const std::string& program) {
       "option is in brackets. config.toml in the run directory holds all of them, described.\n"
       "A run ends with the same results however often it is stopped and resumed on one machine\n"
       "(it warns if the SIMD target or the OpenBLAS kernels differ); --resume takes only\n"
-      "--episodes, --threads, --until-solved, --quiet and --json besides.");
+      "--episodes, --threads, --until-solved, --quiet, --json and --system besides. A robot that\n"
+      "fails ends the run with exit code 3; the steps it made are kept.");
   command->callback([arguments] { Learn(*arguments); });
 }
 

@@ -22,6 +22,7 @@ namespace {
 
 constexpr int kBadInput = 2;
 constexpr int kOtherFailure = 1;
+constexpr int kRobotFailure = 3;
 constexpr int kSignalled = 128;  // + the signal, as shells have it: 130 SIGINT, 143 SIGTERM
 
 int Fail(std::string message, int exit_code) {
@@ -68,14 +69,15 @@ int Run(int argc, char** argv) {
   AddLearnCommand(&app, argv[0]);
   AddEvaluateCommand(&app);
   AddTasksCommand(&app);
+  AddSimulateCommand(&app);
   AddDoctorCommand(&app);
   // Last, as a subcommand would inherit it.
   app.footer(
       "Examples:\n"
       "  downpour learn cartpole                    learn, into runs/cartpole-seed0\n"
       "  downpour evaluate runs/cartpole-seed0      try the learnt policy from 100 noisy starts\n"
-      "Exit codes: 0 fine, 2 bad input, 130 interrupted (Ctrl-C), 143 terminated, 1 any other "
-      "failure.");
+      "Exit codes: 0 fine, 2 bad input, 3 the robot failed, 130 interrupted (Ctrl-C), 143 "
+      "terminated, 1 any other failure.");
   try {
     app.parse(argc, argv);
     if (std::fflush(stdout) != 0) throw FileError("standard output: cannot write");
@@ -90,6 +92,8 @@ int Run(int argc, char** argv) {
     return Fail(error.what(), kBadInput);
   } catch (const FileError& error) {
     return Fail(error.what(), kBadInput);
+  } catch (const SystemFailure& error) {
+    return Fail(error.what(), kRobotFailure);
   } catch (const std::bad_alloc&) {
     return Fail("out of memory", kOtherFailure);
   } catch (const std::exception& error) {

@@ -76,6 +76,8 @@ std::string JsonLine(const EpisodeRecord& record) {
   if (!record.random) line["predicted_return"] = record.predicted_return;
   line["return"] = record.real_return;
   line["solved"] = record.solved;
+  line["steps"] = record.steps;
+  line["outcome"] = record.outcome;
   return line.dump() + "\n";
 }
 
@@ -128,6 +130,13 @@ std::string PlanText(const EpisodeRecord& record) {
   const bool by_blas = record.plans.front().backend == QueryBackend::kBlas;
   return fmt::format("episode {}: plan {} of {} points{}", record.episode, outputs, record.points,
                      by_blas ? " by OpenBLAS" : "");
+}
+
+// One line that tells how an episode was cut short; "" for a whole one.
+std::string OutcomeText(const Task& task, const EpisodeRecord& record) {
+  if (record.outcome == kComplete) return "";
+  return fmt::format("episode {}: {} of {} steps, {}", record.episode, record.steps, task.horizon,
+                     record.outcome);
 }
 
 // One line that tells what the queries cost; "" for a random episode.
@@ -200,7 +209,10 @@ std::string FittedLine(const std::string& start, double share, const std::string
 }  // namespace
 
 Progress::Progress(const RunConfig& config)
-    : quiet_(config.quiet), json_(config.json), terminal_(isatty(STDERR_FILENO) != 0) {}
+    : robot_(config.system.program),
+      quiet_(config.quiet),
+      json_(config.json),
+      terminal_(isatty(STDERR_FILENO) != 0) {}
 
 Progress::~Progress() { ClearLive(); }
 
@@ -238,6 +250,7 @@ void Progress::Start(const Learner& learner, const std::string& directory) {
       "{} ({} preset), seed {}, {} into {}", task.name, task.preset, learner.options().seed,
       n_done == 0 ? std::string("learning") : fmt::format("going on after episode {},", n_done),
       directory));
+  if (!robot_.empty()) Line(fmt::format("the real system is {}", robot_));
   if (quiet_ || json_) return;
   WriteOutput(TableHeader());
 }
@@ -280,8 +293,8 @@ void Progress::Search(const PolicySearchProgress& progress, const EvaluatorStati
 
 void Progress::Episode(const Task& task, const EpisodeRecord& record) {
   ClearLive();
-  for (const std::string& text :
-       {JitterText(task, record), PlanText(record), QueryTimeText(record)}) {
+  for (const std::string& text : {JitterText(task, record), PlanText(record), QueryTimeText(record),
+                                  OutcomeText(task, record)}) {
     if (!text.empty()) Line(text);
   }
   if (quiet_ && !json_) return;

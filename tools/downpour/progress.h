@@ -34,6 +34,7 @@ class Progress {
   void Step(const std::string& text);  // a live line, or a plain one if there is no terminal
   void ClearLive();
 
+  std::string robot_;  // RunConfig::system.program
   bool quiet_;
   bool json_;
   bool terminal_;      // standard error is one
