@@ -172,9 +172,9 @@ std::string LineProcess::ReadLine(double timeout) {
     }
     if (end_of_output_) throw SystemFailure(EndText());
     if (!Poll(from_, POLLIN, deadline)) {
-      throw SystemFailure(
-          (received_.empty() ? "no answer within " : "only a part of a line within ") +
-          FormatNumber(timeout) + " s");
+      throw SystemFailure(std::string("the robot's program gave ") +
+                          (received_.empty() ? "no answer" : "only a part of a line") + " within " +
+                          FormatNumber(timeout) + " s");
     }
     ReceiveSome();
   }

@@ -23,7 +23,7 @@ constexpr const char* kRobot = "the robot's answer";  // where JsonField says wh
 
 // What the program said, as a JSON string: printable, valid UTF-8, not long.
 std::string Quoted(const std::string& text) {
-  constexpr std::size_t kLongest = 200;
+  constexpr std::size_t kLongest = 80;
   const std::string part = text.size() > kLongest ? text.substr(0, kLongest) + "..." : text;
   return Json(part).dump(-1, ' ', false, Json::error_handler_t::replace);
 }
