@@ -93,8 +93,8 @@ TEST_CASE("checkpoint: no flipped byte goes unnoticed") {
 
 TEST_CASE("checkpoint: a later version is refused by its number") {
   std::string text = Text();
-  text.replace(text.find("\"version\":5"), 11, "\"version\":6");
-  CHECK(ParseError(text) == "run/checkpoint.json: version 6, this program reads 5");
+  text.replace(text.find("\"version\":6"), 11, "\"version\":7");
+  CHECK(ParseError(text) == "run/checkpoint.json: version 7, this program reads 6");
 }
 
 TEST_CASE("checkpoint: another file is refused") {
@@ -151,8 +151,13 @@ TEST_CASE("checkpoint: wrong sizes and impossible values are named") {
   CHECK(error("/episodes/1/jitter", {0}) == at + "episodes[1].jitter has 1 entries: must be 2");
   CHECK(error("/episodes/1/episode", 3) == at + "episodes[1].episode = 3: must be 2");
   CHECK(error("/transitions/6/step", 4) == at + "transitions[6].step = 4: must be 1");
-  CHECK(ParseError(TextWith([](Json& p) { p["transitions"].erase(9); })) ==
-        at + "transitions has 9 entries: must be 10");
+  CHECK(ParseError(TextWith([](Json& p) { p["transitions"].erase(7); })) ==
+        at + "transitions has 7 entries: must be 8");
+  CHECK(error("/episodes/0/outcome", "over") ==
+        at + "episodes[0].outcome = \"over\": must be complete, done or aborted ...");
+  CHECK(error("/episodes/0/steps", 4) == at + "episodes[0].steps = 4: must be in [5, 5]");
+  CHECK(error("/episodes/1/steps", 5) == at + "episodes[1].steps = 5: must be in [1, 4]");
+  CHECK(error("/episodes/1/steps", 2) == at + "transitions has 8 entries: must be 7");
 }
 
 TEST_CASE("checkpoint: settings that results depend on must be the run's own") {

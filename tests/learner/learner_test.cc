@@ -303,9 +303,9 @@ TEST_CASE("learner: a task or state that does not hold together is refused") {
   CHECK(ErrorOf<InvalidInput>([&] { Learner(task, PointMassOptions()); }) ==
         "task point_mass: start_std has 1 entries: must be 2");
   LearnerState state = PointMassState();
-  state.transitions[8].action.clear();
+  state.transitions[7].action.clear();
   CHECK(ErrorOf<InvalidInput>([&] { Learner(PointMassTask(), PointMassOptions(), state); }) ==
-        "transitions[8].action has 0 entries: must be 1");
+        "transitions[7].action has 0 entries: must be 1");
 }
 
 }  // namespace

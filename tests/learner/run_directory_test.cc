@@ -87,10 +87,10 @@ TEST_CASE("run directory: the tables have a header with units and a row an episo
   CHECK(lines("episodes.csv") ==
         std::vector<std::string>{
             "episode,random,interaction_seconds [s],points,evaluations [rollouts],gp_queries,"
-            "diverged [rollouts],lane_fill,predicted_return,return,solved",
-            "1,true,0.5,0,0,0,0,,,0,false",
+            "diverged [rollouts],lane_fill,predicted_return,return,solved,steps,outcome",
+            "1,true,0.5,0,0,0,0,,,0,false,5,complete",
             "2,false,1,5,9007199254740992,9223372036854775807,3,0.6666666666666666,"
-            "1.3333333333333333,5e-324,true"});
+            "1.3333333333333333,5e-324,true,3,\"aborted at step 3: \"\"x\"\", y\""});
   CHECK(lines("timing.csv") ==
         std::vector<std::string>{
             "episode,model_seconds [s],search_seconds [s],gp_queries_per_second [1/s],"
@@ -106,7 +106,7 @@ TEST_CASE("run directory: the tables have a header with units and a row an episo
         "action.force [N],next_observation.velocity [m/s],"
         "\"next_observation.position, \"\"x\"\" [m]\",next_state.velocity [m/s],"
         "\"next_state.position, \"\"x\"\" [m]\",reward");
-  CHECK(transitions.size() == 1 + 2 * 5);
+  CHECK(transitions.size() == 1 + 5 + 3);
   CHECK(transitions[6] ==
         "2,0,0,5e-324,-0,0.3333333333333333,1.0000000000000002,1e+308,0,-1e-300,0.1");
   for (const std::string& line : transitions) CHECK(CountFields(line) == 11);

@@ -79,17 +79,17 @@ inline bool SameBits(const std::vector<double>& a, const std::vector<double>& b)
 }
 
 inline bool SameBits(const EpisodeRecord& a, const EpisodeRecord& b) {
-  bool same = a.episode == b.episode && a.random == b.random &&
-              SameBits(a.interaction_seconds, b.interaction_seconds) && a.points == b.points &&
-              a.evaluations == b.evaluations && a.gp_queries == b.gp_queries &&
-              a.diverged == b.diverged && SameBits(a.lane_fill, b.lane_fill) &&
-              SameBits(a.jitter, b.jitter) && a.platform.simd_target == b.platform.simd_target &&
-              a.platform.blas_core == b.platform.blas_core &&
-              SameBits(a.predicted_return, b.predicted_return) &&
-              SameBits(a.real_return, b.real_return) && a.solved == b.solved &&
-              a.plans == b.plans && a.plan_changes == b.plan_changes &&
-              SameBits(a.policy, b.policy) && a.runs.size() == b.runs.size() &&
-              a.hyperparameters.size() == b.hyperparameters.size();
+  bool same =
+      a.episode == b.episode && a.random == b.random &&
+      SameBits(a.interaction_seconds, b.interaction_seconds) && a.points == b.points &&
+      a.evaluations == b.evaluations && a.gp_queries == b.gp_queries && a.diverged == b.diverged &&
+      SameBits(a.lane_fill, b.lane_fill) && SameBits(a.jitter, b.jitter) &&
+      a.platform.simd_target == b.platform.simd_target &&
+      a.platform.blas_core == b.platform.blas_core &&
+      SameBits(a.predicted_return, b.predicted_return) && SameBits(a.real_return, b.real_return) &&
+      a.solved == b.solved && a.steps == b.steps && a.outcome == b.outcome && a.plans == b.plans &&
+      a.plan_changes == b.plan_changes && SameBits(a.policy, b.policy) &&
+      a.runs.size() == b.runs.size() && a.hyperparameters.size() == b.hyperparameters.size();
   for (std::size_t i = 0; same && i < a.hyperparameters.size(); ++i) {
     const Hyperparameters &x = a.hyperparameters[i], &y = b.hyperparameters[i];
     same = SameBits(x.lengthscales, y.lengthscales) && SameBits(x.signal_std, y.signal_std) &&
@@ -120,13 +120,13 @@ inline bool SameBits(const LearnerState& a, const LearnerState& b) {
   return same;
 }
 
-// A state as two episodes of PointMassTask with one hidden unit leave it (P = 2 + 1 + 1 + 1), with
-// the numbers that text formats lose.
+// A state as two episodes of PointMassTask with one hidden unit leave it (P = 2 + 1 + 1 + 1), the
+// second one cut short, with the numbers that text formats lose.
 inline LearnerState PointMassState() {
   const double denormal = std::numeric_limits<double>::denorm_min();
   LearnerState state;
   for (int episode = 1; episode <= 2; ++episode) {
-    for (int step = 0; step < 5; ++step) {
+    for (int step = 0; step < (episode == 1 ? 5 : 3); ++step) {
       state.transitions.push_back({.episode = episode,
                                    .step = step,
                                    .observation = {denormal, -0.0},
@@ -142,6 +142,7 @@ inline LearnerState PointMassState() {
   random.interaction_seconds = 0.5;
   random.predicted_return = random.lane_fill = random.idle_share =
       std::numeric_limits<double>::quiet_NaN();
+  random.steps = 5;
   random.platform = {"AVX3", "SkylakeX"};
   EpisodeRecord learnt;
   learnt.episode = 2;
@@ -158,6 +159,8 @@ inline LearnerState PointMassState() {
   learnt.predicted_return = 4.0 / 3;
   learnt.real_return = denormal;
   learnt.solved = true;
+  learnt.steps = 3;
+  learnt.outcome = std::string(kAborted) + " at step 3: \"x\", y";
   learnt.policy = {0.1, 0.2, 0.3, -0.0, denormal};
   learnt.hyperparameters = {{{0.1, 0.2, 0.7}, 1.1, 1e-5}, {{1e-300, 1e300, 3}, 2.2, 0.3}};
   learnt.jitter = {0, 1e-10};

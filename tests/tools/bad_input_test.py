@@ -120,7 +120,7 @@ def config_files():
     refuse_text("an unknown table, though empty", "\n[serch]\n", ":2: ", "unknown table serch; ",
                 "did you mean search?")
     refuse_text("an empty table far from any", "[x]\n", ":1: ", "unknown table x; ",
-                "allowed: learn, policy, model, search, rollout, output")
+                "allowed: learn, policy, model, search, rollout, system, output")
     for line, allowed in [("bound = nan", "a number in (0, 1000000]"),
                           ("bound = inf", "a number in (0, 1000000]"),
                           ("bound = 0.0", "a number in (0, 1000000]"),
@@ -169,7 +169,7 @@ def checkpoints():
             ("truncated", original[:middle], f"truncated at byte {middle} of {middle}:"),
             ("empty", "", "JSON"),
             ("corrupted", flipped, "checksum"),
-            ("future", original.replace('"version":5', '"version":99'), "99")]:
+            ("future", original.replace('"version":6', '"version":99'), "99")]:
         damaged = copy_of_run(name)
         (damaged / "checkpoint.json").write_text(text)
         refuse(f"checkpoint: {name}", ["learn", "--resume", damaged, "--episodes", "5"],

@@ -13,7 +13,7 @@ from command import PROGRAM, TINY, Claims, downpour, learn, results, scratch_dir
 
 KEYS = ["episode", "interaction_seconds", "points", "model_seconds", "search_seconds",
         "rollout_seconds", "evaluations", "gp_queries", "rollout_ns_per_gp_query", "lane_fill",
-        "idle_share", "predicted_return", "return", "solved"]
+        "idle_share", "predicted_return", "return", "solved", "steps", "outcome"]
 
 claims = Claims()
 scratch = scratch_directory()
