@@ -120,7 +120,8 @@ LineProcess::LineProcess(const std::vector<std::string>& command, const std::ato
 
 LineProcess::~LineProcess() { Close(); }
 
-// False at the deadline.
+// False at the deadline, true too once the process has ended: what it left behind may hold the
+// other end.
 bool LineProcess::Poll(int fd, short events, Clock::time_point deadline) const {
   while (true) {
     if (stop_ != nullptr && *stop_) throw Interrupted();
@@ -128,7 +129,7 @@ bool LineProcess::Poll(int fd, short events, Clock::time_point deadline) const {
     const auto slice = std::clamp<Clock::duration>(left, Clock::duration(0), kStopPeriod);
     pollfd descriptor{fd, events, 0};
     const auto milliseconds = std::chrono::ceil<std::chrono::milliseconds>(slice).count();
-    if (::poll(&descriptor, 1, static_cast<int>(milliseconds)) > 0) return true;
+    if (::poll(&descriptor, 1, static_cast<int>(milliseconds)) > 0 || Ended()) return true;
     if (left <= Clock::duration(0)) return false;
   }
 }
@@ -140,7 +141,7 @@ void LineProcess::WriteLine(const std::string& line, double timeout) {
     const ssize_t written = WriteWithoutSignal(to_, text.data() + done, text.size() - done);
     if (written > 0) done += static_cast<std::size_t>(written);
     if (written >= 0 || errno == EINTR) continue;
-    if (errno != EAGAIN) return;  // EPIPE: ReadLine tells more
+    if (errno != EAGAIN || Ended()) return;  // ReadLine tells more
     if (!Poll(to_, POLLOUT, deadline)) {
       throw SystemFailure("the robot's program read nothing for " + FormatNumber(timeout) + " s");
     }
@@ -176,7 +177,8 @@ std::string LineProcess::ReadLine(double timeout) {
                           (received_.empty() ? "no answer" : "only a part of a line") + " within " +
                           FormatNumber(timeout) + " s");
     }
-    ReceiveSome();
+    const bool ended = Ended();  // before the last look for what it wrote
+    if (!ReceiveSome() && ended) end_of_output_ = true;
   }
 }
 

@@ -116,9 +116,9 @@ class RobotSystem final : public System {
     process_.reset();
   }
 
-  // The next line, an object. Throws SystemFailure if it is the program's own report of an error.
-  Json Receive(double timeout) {
-    Json message = ParseRobotLine(process_->ReadLine(timeout));
+  // A line as an object. Throws SystemFailure if it is the program's own report of an error.
+  static Json Message(const std::string& line) {
+    Json message = ParseRobotLine(line);
     const JsonField field(message, kRobot);
     if (field["type"].String() == "error") {
       throw SystemFailure("the robot reports " + Quoted(field["message"].String()));
@@ -131,11 +131,13 @@ class RobotSystem final : public System {
     if (process_ == nullptr) throw SystemFailure("the robot's program is not running");
     if (options_.stop != nullptr && *options_.stop) throw Interrupted();
     if (process_->HasOutput()) {
+      const std::string line = process_->ReadLine(kPartialTimeout);
+      static_cast<void>(Message(line));  // it may be the report of an error
       throw SystemFailure("the robot's program sent a line that nothing asked for: " +
-                          Quoted(Receive(kPartialTimeout).dump(-1, ' ', true)));
+                          Quoted(line));
     }
     process_->WriteLine(question.dump(), timeout);
-    Json answer = Receive(timeout);
+    Json answer = Message(process_->ReadLine(timeout));
     const JsonField field = JsonField(answer, kRobot)["type"];
     if (field.String() != type) field.Fail(Quoted(type));
     return answer;
