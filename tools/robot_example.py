@@ -4,8 +4,9 @@
 
 usage: tools/robot_example.py DOWNPOUR [LOG]
 
-The robot is the simulator of the learner's task, `DOWNPOUR simulate TASK`. To drive hardware, keep main()
-and serve(), and write a class with the methods of Simulator. LOG gets every action with the observation and reward after it.
+The robot is the simulator of the learner's task, `DOWNPOUR simulate TASK`. To drive hardware, keep
+main() and serve(), and write a class with the methods of Simulator. LOG gets every action with the
+observation and reward after it.
 """
 import json
 import queue
