@@ -96,7 +96,7 @@ TEST_CASE("line process: the end of the output tells how the program ended") {
   CHECK(EndOf("exit 7") == "the robot's program exited with status 7");
   CHECK(EndOf("kill -9 $$") == "the robot's program was killed by signal 9 (Killed)");
   CHECK(EndOf("exec >&-; cat >/dev/null") == "the robot's program closed its standard output");
-  CHECK(EndOf("sleep 60 & exit 4") == "the robot's program exited with status 4");
+  CHECK(EndOf("sleep 100 & exit 4") == "the robot's program exited with status 4");
   CHECK(EndOf("head -c 2000000 /dev/zero") == "the robot's program sent a line of more than 1 MiB");
 }
 
