@@ -49,11 +49,11 @@ struct PolicySearchOptions {
   int concurrent = 8;     // CMA-ES instances that share each batch; [1, 1024]
   // Share of the evaluations for all runs alike; the rest is for `promotions` further stages of
   // equal shares, each for half as many runs, the best; 1: no such selection; [0.1, 1].
-  double exploration = 0.55;
-  int promotions = 2;  // stages after exploration; the last with 2 `rollouts`; [1, 10]
+  double exploration = 0.3;
+  int promotions = 3;  // stages after exploration; the last with 2 `rollouts`; [1, 10]
   // Share of the restarts that begin as the first run does, at the last policy with first_sigma;
   // [0, 1]. The learner takes 0 as long as there is none.
-  double local_share = 0;
+  double local_share = 0.5;
   int final_rollouts = 480;      // that compare each of the best final means, and again for the
                                  // prediction of the winner; [1, 1e6]
   double bound = 5;              // parameters lie in +-bound; > 0
