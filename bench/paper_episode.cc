@@ -294,7 +294,7 @@ int Main(int argc, char** argv) {
               SimdTargetName(), threads, threads == 1 ? "" : "s");
   std::printf("%s: %d points, model learnt from scratch in %.2f s\n", run.c_str(), data.n_points(),
               model_seconds);
-  const auto policy = MakeNeuralNetworkPolicy(task, 10);
+  const auto policy = MakePolicy(task, PolicyOptions{});
   for (const char* name : {"default", "exact"}) {
     if (plan != "both" && plan != name) continue;
     QueryPlanOptions options;

@@ -63,6 +63,7 @@ class Tile {
     }
     rollouts_.resize(kTileLanes);
     parameters_.resize(policy.n_parameters() * kTileLanes);
+    policy_scratch_.resize(static_cast<std::size_t>(policy.scratch_rows()) * kTileLanes);
     inputs_.resize(task.n_inputs() * kTileLanes);
     for (auto* rows : {&states_, &means_, &variances_, &normals_}) {
       rows->resize(n_states * kTileLanes);
@@ -74,10 +75,12 @@ class Tile {
   void Run(const KeptBatch& batch, const Lane* lanes, int n, double* returns, PartClock* clock) {
     Pack(batch, lanes, n);
     clock->Charge(kPacking);
+    policy_.PrepareTile(parameters_.data(), policy_scratch_.data());
+    clock->Charge(kPolicy);
     FeatureTile(task_.features.data(), task_.n_features(), states_.data(), inputs_.data());
     clock->Charge(kFeatures);
     for (int step = 0; step < task_.horizon; ++step) {
-      policy_.ActTile(parameters_.data(), inputs_.data(),
+      policy_.ActTile(step, parameters_.data(), inputs_.data(), policy_scratch_.data(),
                       inputs_.data() + task_.n_features() * kTileLanes);
       clock->Charge(kPolicy);
       Advance(static_cast<std::uint32_t>(step), n, clock);
@@ -144,7 +147,8 @@ class Tile {
   const Policy& policy_;
   std::span<const QueryFactor> factors_;
   AlignedVector<std::uint32_t> keys0_, keys1_, rollouts_;
-  AlignedVector<double> parameters_, inputs_, states_, means_, variances_, normals_;
+  AlignedVector<double> parameters_, policy_scratch_, inputs_, states_, means_, variances_,
+      normals_;
   AlignedVector<double> rewards_, sums_, alive_;
   AlignedVector<char> scratch_;
 };

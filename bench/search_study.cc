@@ -228,7 +228,7 @@ int Main(int argc, char** argv) {
   search.bound = task.parameter_bound;
   // The policy that ran in the last of the episodes; the origin if that was a random one.
   const auto file = arguments.run / ("policy_" + std::to_string(arguments.episodes) + ".json");
-  std::unique_ptr<Policy> policy = MakeNeuralNetworkPolicy(task, 10);
+  std::unique_ptr<Policy> policy = MakePolicy(task, PolicyOptions{});
   std::vector<double> last(static_cast<std::size_t>(policy->n_parameters()), 0.0);
   if (std::filesystem::exists(file)) {
     const SavedPolicy saved = ReadPolicy(file);

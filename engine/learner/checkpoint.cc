@@ -52,8 +52,9 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   static constexpr std::array kCovariance = {"auto", "full", "diagonal", "limited-memory"};
   static constexpr std::array kCommonRandomNumbers = {"off", "generation", "search"};
   // Named one by one, so that a new option does not compile until it is here.
-  const auto& [episodes, random_episodes, until_solved, hidden_units, seed, threads, model, plan,
-               search, rollout] = options;
+  const auto& [episodes, random_episodes, until_solved, policy, seed, threads, model, plan, search,
+               rollout] = options;
+  const auto& [kind, hidden_units, activation, points, make] = policy;
   const auto& [restarts, max_evaluations] = model;
   const auto& [variance_tolerance, mean_tolerance, backend] = plan;
   const auto& [use_variance, predict_noise, sample_clamp, rollout_threads] = rollout;
@@ -66,7 +67,11 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   static_cast<void>(rollout_threads), static_cast<void>(search_threads);
   Json settings = {{"learn.seed", seed},
                    {"learn.random_episodes", random_episodes},
+                   {"policy.kind", make ? MakePolicy(task, policy)->kind()
+                                        : kPolicyKindNames.at(static_cast<std::size_t>(kind))},
                    {"policy.hidden_units", hidden_units},
+                   {"policy.activation", kActivationNames.at(static_cast<std::size_t>(activation))},
+                   {"policy.points", points},
                    {"model.restarts", restarts},
                    {"model.max_evaluations", max_evaluations},
                    {"model.tolerance", JsonNumber(variance_tolerance)},
@@ -295,8 +300,7 @@ LearnerState ParseCheckpoint(const Task& task, const LearnerOptions& options, st
     state.transitions.push_back(TransitionFromJson(item));
   }
   try {
-    CheckState(task, options, MakeNeuralNetworkPolicy(task, options.hidden_units)->n_parameters(),
-               state);
+    CheckState(task, options, MakePolicy(task, options.policy)->n_parameters(), state);
   } catch (const InvalidInput& error) {
     throw InvalidInput(file + ": " + error.what());
   }

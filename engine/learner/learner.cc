@@ -168,9 +168,10 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
 Controller MakeController(const Task& task, const Policy& policy, const EpisodeRecord& record,
                           std::uint64_t seed) {
   if (!record.random) {
-    return [&policy, &record](int, std::span<const double> features, std::span<double> action) {
-      policy.Act(record.policy, features, action);
-    };
+    return
+        [&policy, &record](int step, std::span<const double> features, std::span<double> action) {
+          policy.Act(step, record.policy, features, action);
+        };
   }
   const StreamKey key =
       DeriveKey(seed, StreamPurpose::kRandomEpisode, {static_cast<std::uint32_t>(record.episode)});
@@ -197,7 +198,7 @@ Learner::Learner(Task task, LearnerOptions options, LearnerState state)
   CheckTask(task_);
   options_.rollout.threads = options_.threads == 0 ? omp_get_num_procs() : options_.threads;
   options_.search.threads = options_.rollout.threads;
-  policy_ = MakeNeuralNetworkPolicy(task_, options_.hidden_units);
+  policy_ = MakePolicy(task_, options_.policy);
   const std::vector<double> origin(policy_->n_parameters(), 0.0);
   CheckPolicySearchOptions(options_.search, origin);
   CheckSearchBudget(options_.search, origin, options_.seed, options_.random_episodes + 1);

@@ -21,7 +21,7 @@ struct LearnerOptions {
   int episodes = 15;        // random ones included; [2, 1000]
   int random_episodes = 1;  // [1, 999], less than episodes
   bool until_solved = false;
-  int hidden_units = 10;  // of the neural-network policy; [1, 256]
+  PolicyOptions policy;
   std::uint64_t seed = 0;
   int threads = 0;  // 0: all cores
   GpFitOptions model;

@@ -105,7 +105,7 @@ void CheckOptions(const LearnerOptions& options) {
     throw InvalidInput("learn.random_episodes = " + std::to_string(options.random_episodes) +
                        ": must be less than learn.episodes = " + std::to_string(options.episodes));
   }
-  CheckRange("policy.hidden_units", options.hidden_units, 1, 256);
+  CheckPolicyOptions(options.policy);
   CheckTolerance("model.tolerance", options.plan.variance_tolerance);
   CheckTolerance("model.mean_tolerance", options.plan.mean_tolerance);
   CheckRange("learn.threads", options.threads, 0, 1024);
@@ -131,6 +131,7 @@ void CheckTask(const Task& task) {
   CheckEach(prefix + "observation_std", task.observation_std, n_states, CheckNotNegative);
   CheckEach(prefix + "policy_input_scale", task.policy_input_scale, task.n_features(),
             CheckPositive);
+  CheckRange((prefix + "policy_points").c_str(), task.policy_points, 1, kMaxPolicyPoints);
   CheckPositive(prefix + "control_period", task.control_period);
   CheckPositive(prefix + "reward.width", task.reward.width);
   CheckEach(prefix + "reward.a", task.reward.a, task.reward.n_rows * task.n_features(),

@@ -25,6 +25,7 @@ namespace downpour {
 // the thread's stack for one block.
 struct Evaluator::TileScratch {
   double* parameters;  // P
+  double* policy;      // the policy's scratch
   double* states;      // E
   double* inputs;      // F + A: features, then actions: the model's input is read in place
   double* means;       // E
@@ -37,20 +38,22 @@ struct Evaluator::TileScratch {
   alignas(kAlignment) std::uint32_t keys1[kTileLanes];
   alignas(kAlignment) std::uint32_t rollouts[kTileLanes];
 
-  static std::size_t Size(const Task& task, int n_parameters) {
-    const std::size_t rows = n_parameters + 4 * task.n_states() + task.n_inputs() + 3;
+  static std::size_t Size(const Task& task, const Policy& policy) {
+    const std::size_t rows = static_cast<std::size_t>(policy.n_parameters()) +
+                             policy.scratch_rows() + 4 * task.n_states() + task.n_inputs() + 3;
     return rows * kTileLanes;
   }
 
   // Takes parts of `memory`, which holds Size(...) doubles.
-  void Carve(const Task& task, int n_parameters, double* memory) {
+  void Carve(const Task& task, const Policy& function, double* memory) {
     const auto take = [&memory](std::size_t rows) {
       double* const part = memory;
       memory += rows * kTileLanes;
       return part;
     };
     const std::size_t n_states = task.n_states();
-    parameters = take(n_parameters);
+    parameters = take(function.n_parameters());
+    policy = take(function.scratch_rows());
     states = take(n_states);
     inputs = take(task.n_inputs());
     means = take(n_states);
@@ -121,7 +124,7 @@ void Evaluator::SetFactors(std::span<const QueryFactor> factors) {
                              })
                      ? kBlasTiles
                      : 1;
-  tile_size_ = TileScratch::Size(task_, policy_.n_parameters());
+  tile_size_ = TileScratch::Size(task_, policy_);
   scratch_size_ = block_tiles_ * tile_size_ + LargestGpScratch(factors, block_tiles_);
   scratch_.resize(scratch_size_ * options_.threads);
 }
@@ -251,6 +254,7 @@ void Evaluator::PackTile(const Batch& batch, int first, int n, TileScratch* scra
     s.keys1[lane] = batch.keys[source.candidate].word1;
     s.rollouts[lane] = source.rollout;
   }
+  policy_.PrepareTile(s.parameters, s.policy);
   // Lanes beyond n need not be queried: their means stay at what they are here.
   std::fill_n(s.means, kTileLanes * task_.n_states(), 0.0);
   std::fill_n(s.variances, kTileLanes * task_.n_states(), 0.0);
@@ -292,7 +296,8 @@ void Evaluator::SaveTile(int first, int n, const TileScratch& s) {
 
 void Evaluator::ActTile(std::uint32_t step, int first, int n, const TileScratch& s,
                         double* visited) const {
-  policy_.ActTile(s.parameters, s.inputs, s.inputs + task_.n_features() * kTileLanes);
+  policy_.ActTile(static_cast<int>(step), s.parameters, s.inputs, s.policy,
+                  s.inputs + task_.n_features() * kTileLanes);
   if (visited == nullptr) return;
   const int dim = task_.n_inputs();
   for (int lane = 0; lane < n; ++lane) {
@@ -350,7 +355,7 @@ void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, i
   for (int t = 0; t < n_tiles; ++t) {
     TileScratch* const tile = &tiles[t];
     const int before = t * kTileLanes;
-    tile->Carve(task_, policy_.n_parameters(), scratch + t * tile_size_);
+    tile->Carve(task_, policy_, scratch + t * tile_size_);
     PackTile(batch, first + before, TileLanes(n, before), tile);
     if (leg.begin == 0) {
       StartTile(tile);

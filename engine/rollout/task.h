@@ -13,6 +13,9 @@
 
 namespace downpour {
 
+// Most pseudo-inputs or basis functions of a policy.
+inline constexpr int kMaxPolicyPoints = 200;
+
 // A number of the task as a person reads it.
 struct Variable {
   std::string name;  // e.g. "pole_angle"
@@ -73,6 +76,7 @@ struct Task {
   std::vector<double> observation_std;     // (E), noise of what the policy and learner see
   std::vector<double> policy_input_scale;  // (F), the policy sees feature / scale
   double parameter_bound = 5;              // policy parameters lie in +-bound
+  int policy_points = 10;                  // gp: pseudo-inputs, dmp: basis functions, by default
   // The search's first-run and restart widths that suit the task, by measurement.
   double search_first_sigma = 1;
   double search_restart_sigma = 5;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "kernels/mlp/mlp.h"
 
+#include <utility>
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "kernels/mlp/mlp.cc"
 #include "hwy/foreach_target.h"  // IWYU pragma: keep
@@ -23,38 +25,54 @@ HWY_INLINE V BoundedTanh(V x) {
   return hn::Max(hn::Min(hn::Tanh(d, x), one), hn::Neg(one));
 }
 
-void Mlp(const MlpShape& shape, const double* HWY_RESTRICT parameters,
-         const double* HWY_RESTRICT input_scale, const double* HWY_RESTRICT limits,
-         const double* HWY_RESTRICT inputs, double* HWY_RESTRICT outputs) {
+// W y + b for one unit and one vector of lanes; moves w on to the next unit.
+HWY_INLINE V Unit(int n_inputs, const double*& w, const double* bias, const double* y) {
+  const D d;
+  V sum = hn::Load(d, bias);
+  for (int i = 0; i < n_inputs; ++i, w += kTileLanes) {
+    sum = hn::MulAdd(hn::Load(d, w), hn::Load(d, y + i * kTileLanes), sum);
+  }
+  return sum;
+}
+
+// All layers for one vector of lanes: every pointer is at its first lane.
+void MlpLanes(const MlpShape& shape, const double* parameters,
+              const double* HWY_RESTRICT input_scale, const double* HWY_RESTRICT limits,
+              const double* HWY_RESTRICT inputs, double* y, double* next, double* outputs) {
+  const D d;
+  for (int i = 0; i < shape.n_inputs(); ++i) {
+    const V x = hn::Load(d, inputs + i * kTileLanes);
+    hn::Store(hn::Mul(hn::Set(d, input_scale[i]), x), d, y + i * kTileLanes);
+  }
+  const int n_layers = static_cast<int>(shape.units.size()) - 1;
+  for (int l = 0; l < n_layers; ++l) {
+    const int n_before = shape.units[l], n_units = shape.units[l + 1];
+    const double* w = parameters;
+    const double* const b = w + n_before * n_units * kTileLanes;
+    for (int o = 0; o < n_units; ++o) {
+      const int at = o * kTileLanes;
+      const V sum = Unit(n_before, w, b + at, y);
+      if (l + 1 == n_layers) {
+        hn::Store(hn::Mul(hn::Set(d, limits[o]), BoundedTanh(sum)), d, outputs + at);
+      } else if (shape.activation == Activation::kTanh) {
+        hn::Store(BoundedTanh(sum), d, next + at);
+      } else {
+        hn::Store(hn::Max(sum, hn::Zero(d)), d, next + at);
+      }
+    }
+    parameters = b + n_units * kTileLanes;
+    std::swap(y, next);
+  }
+}
+
+void Mlp(const MlpShape& shape, const double* parameters, const double* input_scale,
+         const double* limits, const double* inputs, double* scratch, double* outputs) {
   const D d;
   const int lanes = static_cast<int>(hn::Lanes(d));
-  const double* HWY_RESTRICT b0 = parameters + shape.n_hidden * shape.n_inputs * kTileLanes;
-  const double* HWY_RESTRICT w1 = b0 + shape.n_hidden * kTileLanes;
-  const double* HWY_RESTRICT b1 = w1 + shape.n_outputs * shape.n_hidden * kTileLanes;
+  double* const second = scratch + shape.scratch_rows() / 2 * kTileLanes;
   for (int lane = 0; lane < kTileLanes; lane += lanes) {
-    // The outputs are the accumulators of the second layer, so that no hidden layer is stored.
-    for (int o = 0; o < shape.n_outputs; ++o) {
-      hn::Store(hn::Load(d, b1 + o * kTileLanes + lane), d, outputs + o * kTileLanes + lane);
-    }
-    const double* HWY_RESTRICT w0 = parameters + lane;
-    for (int h = 0; h < shape.n_hidden; ++h) {
-      V sum = hn::Load(d, b0 + h * kTileLanes + lane);
-      for (int i = 0; i < shape.n_inputs; ++i, w0 += kTileLanes) {
-        const V x =
-            hn::Mul(hn::Set(d, input_scale[i]), hn::Load(d, inputs + i * kTileLanes + lane));
-        sum = hn::MulAdd(hn::Load(d, w0), x, sum);
-      }
-      const V y = BoundedTanh(sum);
-      for (int o = 0; o < shape.n_outputs; ++o) {
-        double* HWY_RESTRICT out = outputs + o * kTileLanes + lane;
-        const V w = hn::Load(d, w1 + (o * shape.n_hidden + h) * kTileLanes + lane);
-        hn::Store(hn::MulAdd(w, y, hn::Load(d, out)), d, out);
-      }
-    }
-    for (int o = 0; o < shape.n_outputs; ++o) {
-      double* HWY_RESTRICT out = outputs + o * kTileLanes + lane;
-      hn::Store(hn::Mul(hn::Set(d, limits[o]), BoundedTanh(hn::Load(d, out))), d, out);
-    }
+    MlpLanes(shape, parameters + lane, input_scale, limits, inputs + lane, scratch + lane,
+             second + lane, outputs + lane);
   }
 }
 
@@ -68,8 +86,8 @@ namespace downpour {
 HWY_EXPORT(Mlp);
 
 void MlpTile(const MlpShape& shape, const double* parameters, const double* input_scale,
-             const double* limits, const double* inputs, double* outputs) {
-  HWY_DYNAMIC_DISPATCH(Mlp)(shape, parameters, input_scale, limits, inputs, outputs);
+             const double* limits, const double* inputs, double* scratch, double* outputs) {
+  HWY_DYNAMIC_DISPATCH(Mlp)(shape, parameters, input_scale, limits, inputs, scratch, outputs);
 }
 
 }  // namespace downpour

@@ -81,6 +81,7 @@ Task Make(const std::string& preset, const std::string& mjcf_file) {
   task.observation_std = {0.01, 0.01, 0.01, 0.01};
   task.policy_input_scale = {5, 5, 10, 1, 1};
   task.parameter_bound = 5;
+  task.policy_points = 20;
   task.search_first_sigma = 0.25;
   task.search_restart_sigma = 2.5;
   task.search_restart_decades = 1;

@@ -50,6 +50,7 @@ Task Make(const std::string& preset, const std::string& mjcf_file) {
   task.observation_std = {0, 0};
   task.policy_input_scale = {10, 1, 1};
   task.parameter_bound = 5;
+  task.policy_points = 10;
   task.search_first_sigma = 1;
   task.search_restart_sigma = 5;
   task.search_restart_decades = 1.3;

@@ -278,7 +278,7 @@ TEST_CASE("learner: options out of range are refused by name, value and range") 
           }) == "learn.random_episodes = " + std::to_string(random_episodes) +
                     ": must be less than learn.episodes = 2");
   }
-  CHECK(OptionError([](O& o) { o.hidden_units = 257; }) ==
+  CHECK(OptionError([](O& o) { o.policy.hidden_units = {257}; }) ==
         "policy.hidden_units = 257: must be in [1, 256]");
   CHECK(OptionError([](O& o) { o.threads = -1; }) == "learn.threads = -1: must be in [0, 1024]");
   CHECK(OptionError([](O& o) { o.model.restarts = -1; }) ==

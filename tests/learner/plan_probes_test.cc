@@ -56,7 +56,7 @@ TEST_CASE("plan_probes: policies around one differ from it by first_sigma, withi
 
 TEST_CASE("plan_probes: thirds by the last policy, by policies around it and by random ones") {
   const Task task = PointMassTask();
-  const auto policy = MakeNeuralNetworkPolicy(task, 1);
+  const auto policy = MakePolicy(task, {.hidden_units = {1}});
   // A model of one point that predicts next to nothing.
   const ExactGp gp(Eigen::MatrixXd::Zero(1, 3), Eigen::VectorXd::Zero(1), {{1, 1, 1}, 0.1, 0.1});
   const std::vector<QueryFactor> factors(2, gp.Pack());

@@ -182,7 +182,7 @@ inline LearnerState PointMassState() {
 
 inline LearnerOptions PointMassOptions() {
   LearnerOptions options;
-  options.hidden_units = 1;
+  options.policy.hidden_units = {1};
   options.search.evaluations = 5000;
   options.search.restarts = RestartStrategy::kBipop;
   options.seed = std::numeric_limits<std::uint64_t>::max();

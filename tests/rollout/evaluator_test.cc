@@ -54,7 +54,7 @@ namespace {
 double ReferenceReturn(const Fixture& f, const double* theta, StreamKey key, std::uint32_t rollout,
                        const EvaluatorOptions& options, double start_shift) {
   const Task& task = f.task;
-  const MlpShape shape{3, 4, 1};
+  const MlpShape shape{{3, 4, 1}};
   std::vector<double> input_scale;
   for (const double s : task.policy_input_scale) input_scale.push_back(1 / s);
   const auto z0 = NormalPairReference({0, 0xFFFFFFFF, rollout, 0}, key);
@@ -240,7 +240,7 @@ TEST_CASE("evaluator: sizes that disagree are refused") {
   CHECK_THROWS_AS(evaluator.Evaluate(none, keys, count, zero, returns), InvalidInput);
   CHECK_THROWS_AS(evaluator.Evaluate(theta, keys, empty, zero, returns), InvalidInput);
   CHECK_THROWS_AS(evaluator.Evaluate(theta, keys, count, zero, none), InvalidInput);
-  CHECK_THROWS_AS(MakeNeuralNetworkPolicy(f.task, 0), InvalidInput);
+  CHECK_THROWS_AS(MakePolicy(f.task, {.hidden_units = {0}}), InvalidInput);
 }
 
 TEST_CASE("evaluator: one state's features and reward are those of a tile") {

@@ -33,7 +33,7 @@ inline Task SwingTask(int horizon) {
 struct Fixture {
   explicit Fixture(int horizon = 6, int n_points = 30, QueryBackend backend = QueryBackend::kFused)
       : task(SwingTask(horizon)) {
-    policy = MakeNeuralNetworkPolicy(task, 4);
+    policy = MakePolicy(task, {.hidden_units = {4}});
     Eigen::MatrixXd inputs(n_points, 4);
     Eigen::MatrixXd targets(n_points, 2);
     std::vector<double> u(n_points * 4);

@@ -57,6 +57,12 @@ Setting FromNode(const std::string& origin, const std::string& key, const toml::
   if (const auto* integer = node.as_integer()) setting.value = integer->get();
   if (const auto* number = node.as_floating_point()) setting.value = number->get();
   if (const auto* string = node.as_string()) setting.value = string->get();
+  if (const auto* array = node.as_array();
+      array != nullptr && array->is_homogeneous<std::int64_t>()) {
+    std::vector<std::int64_t> list;
+    for (const auto& item : *array) list.push_back(item.as_integer()->get());
+    setting.value = list;
+  }
   return setting;
 }
 
@@ -144,6 +150,18 @@ struct Assign {
     *target = static_cast<Enum>(Choice(*value));
     return true;
   }
+  // A single integer is a list of one.
+  bool operator()(std::vector<int>* target) const {
+    std::vector<std::int64_t> list;
+    if (const auto* integer = std::get_if<std::int64_t>(&setting.value)) list = {*integer};
+    if (const auto* given = std::get_if<std::vector<std::int64_t>>(&setting.value)) list = *given;
+    const bool all = std::all_of(list.begin(), list.end(), [this](std::int64_t x) {
+      return InRange(static_cast<double>(x));
+    });
+    if (list.empty() || !all) return false;
+    target->assign(list.begin(), list.end());
+    return true;
+  }
   int Choice(const std::string& name) const {
     const auto found = std::find(field.choices.begin(), field.choices.end(), name);
     return found == field.choices.end() ? -1 : static_cast<int>(found - field.choices.begin());
@@ -161,6 +179,7 @@ struct TomlText {
     const std::string text = fmt::format("{}", *x);  // shortest text that reads back exactly
     return text.find_first_of(".e") == std::string::npos ? text + ".0" : text;
   }
+  std::string operator()(const std::vector<int>* x) const { return fmt::format("{}", *x); }
   std::string operator()(const std::string* x) const {
     std::ostringstream text;
     text << toml::toml_formatter(toml::value<std::string>(*x), toml::format_flags::none);
@@ -210,9 +229,12 @@ std::vector<Setting> ReadConfigFile(const std::string& path) {
 
 Setting ReadSetting(const std::string& origin, const Field& field, const std::string& text) {
   const bool is_number = field.max > field.min;
+  const bool is_list = std::holds_alternative<std::vector<int>*>(field.target);
   if (is_number || std::holds_alternative<bool*>(field.target)) {
     try {
-      const toml::table table = toml::parse("value = " + text);
+      // A list without brackets, as options have it.
+      const bool bare = is_list && text.find('[') == std::string::npos;
+      const toml::table table = toml::parse("value = " + (bare ? "[" + text + "]" : text));
       if (table.size() == 1) {
         Setting setting = FromNode(origin, field.key, *table.get("value"));
         setting.text = text;
@@ -268,6 +290,8 @@ ResolvedRun ResolveConfig(const std::vector<Setting>& settings) {
   search.restart_decades = run.task.search_restart_decades;
   ApplySettings(ConfigFields(run.config), settings);
   run.config.mjcf = named.mjcf;
+  int& points = run.config.learner.policy.points;
+  if (points == 0) points = run.task.policy_points;
   if (run.config.observation_std >= 0) {
     run.task.observation_std.assign(run.task.observation_std.size(), run.config.observation_std);
   }

@@ -38,9 +38,10 @@ struct Field {
   std::string option = {};  // "--evaluations"; empty: only by --config and --set. A bool's option
                             // is a flag that turns the default round.
   std::variant<bool*, int*, std::int64_t*, std::uint64_t*, double*, std::string*, RestartStrategy*,
-               UncertaintyHandling*, CovarianceForm*, CommonRandomNumbers*, QueryBackend*>
+               UncertaintyHandling*, CovarianceForm*, CommonRandomNumbers*, QueryBackend*,
+               PolicyKind*, Activation*, std::vector<int>*>
       target;
-  double min = 0;  // numbers only
+  double min = 0;  // numbers and lists of numbers only
   double max = 0;
   bool above_min = false;                 // min itself is not allowed
   std::vector<std::string> choices = {};  // strings (empty: any) and enums (in their order)
@@ -66,7 +67,8 @@ std::string ValueText(const Field& field);
 struct Setting {
   std::string origin;
   std::string key;
-  std::variant<std::monostate, bool, std::int64_t, double, std::string> value;
+  std::variant<std::monostate, bool, std::int64_t, double, std::string, std::vector<std::int64_t>>
+      value;
   std::string text;
 };
 

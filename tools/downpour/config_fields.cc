@@ -61,12 +61,31 @@ std::vector<Field> RunFields(RunConfig& config) {
        .min = 0,
        .max = 1024,
        .description = "Threads; results do not depend on it; 0: all cores."},
+      {.key = "policy.kind",
+       .option = "--policy",
+       .target = &learner.policy.kind,
+       .choices = {kPolicyKindNames.begin(), kPolicyKindNames.end()},
+       .description = "nn: neural network; linear: squashed; gp: Gaussian process; dmp: movement "
+                      "primitives, open-loop."},
       {.key = "policy.hidden_units",
-       .option = "",
-       .target = &learner.hidden_units,
+       .option = "--hidden",
+       .target = &learner.policy.hidden_units,
        .min = 1,
        .max = 256,
-       .description = "Hidden units of the neural-network policy."},
+       .description = "Units of each hidden layer of the nn policy, e.g. 10 or [16, 16].",
+       .option_help = "Units of each hidden layer of the nn policy, e.g. 10 or 16,16."},
+      {.key = "policy.activation",
+       .option = "",
+       .target = &learner.policy.activation,
+       .choices = {kActivationNames.begin(), kActivationNames.end()},
+       .description = "Activation of the nn policy's hidden layers."},
+      {.key = "policy.points",
+       .option = "--policy-points",
+       .target = &learner.policy.points,
+       .min = 0,
+       .max = kMaxPolicyPoints,
+       .description = "Pseudo-inputs of the gp policy, basis functions of dmp; 0: the task's own "
+                      "number."},
       {.key = "model.restarts",
        .option = "",
        .target = &learner.model.restarts,
@@ -295,6 +314,7 @@ struct RangeText {
   std::string operator()(std::int64_t*) const { return Range("an integer"); }
   std::string operator()(std::uint64_t*) const { return Range("an integer"); }
   std::string operator()(double*) const { return Range("a number"); }
+  std::string operator()(std::vector<int>*) const { return Range("integers"); }
   std::string operator()(void*) const {
     if (field.choices.empty()) return "a string";
     return fmt::format("one of {}", fmt::join(field.choices, ", "));

@@ -92,8 +92,9 @@ Evaluation RunStarts(Task task, const SavedPolicy& saved, const EvaluateArgument
   task.start_std.assign(task.start_std.size(), arguments.start_std);
   const std::unique_ptr<Policy> policy = MakePolicy(saved, task);
   const std::unique_ptr<System> system = task.make_system();
-  const auto controller = [&](int, std::span<const double> features, std::span<double> action) {
-    policy->Act(saved.parameters, features, action);
+  const auto controller = [&](int step, std::span<const double> features,
+                              std::span<double> action) {
+    policy->Act(step, saved.parameters, features, action);
   };
   Evaluation evaluation;
   for (int i = 0; i < arguments.starts; ++i) {

@@ -259,10 +259,12 @@ void AddLearnCommand(CLI::App* app, const std::string& program) {
       value.option = command->add_flag(field.option, value.flag, help);
     } else {
       const bool is_number = field.max > field.min;
-      value.option = command->add_option(field.option, value.text, help)
-                         ->type_name(is_number               ? "N"
-                                     : field.choices.empty() ? "PATH"
-                                                             : "NAME");
+      value.option =
+          command->add_option(field.option, value.text, help)
+              ->type_name(std::holds_alternative<std::vector<int>*>(field.target) ? "N,..."
+                          : is_number                                             ? "N"
+                          : field.choices.empty()                                 ? "PATH"
+                                                                                  : "NAME");
       if (!is_number && field.choices.empty()) value.option->check(NotEmpty());
     }
   }
