@@ -23,6 +23,8 @@ class RunInterrupted : public std::runtime_error {
 // `program` is the program as typed, for the command that goes on with a stopped run.
 void AddLearnCommand(CLI::App* app, const std::string& program);
 void AddEvaluateCommand(CLI::App* app);
+void AddActCommand(CLI::App* app);
+void AddExportCommand(CLI::App* app);
 void AddTasksCommand(CLI::App* app);
 void AddSimulateCommand(CLI::App* app);
 void AddDoctorCommand(CLI::App* app);

@@ -68,6 +68,8 @@ int Run(int argc, char** argv) {
   app.require_subcommand(1);
   AddLearnCommand(&app, argv[0]);
   AddEvaluateCommand(&app);
+  AddActCommand(&app);
+  AddExportCommand(&app);
   AddTasksCommand(&app);
   AddSimulateCommand(&app);
   AddDoctorCommand(&app);
@@ -76,6 +78,7 @@ int Run(int argc, char** argv) {
       "Examples:\n"
       "  downpour learn cartpole                    learn, into runs/cartpole-seed0\n"
       "  downpour evaluate runs/cartpole-seed0      try the learnt policy from 100 noisy starts\n"
+      "  downpour act runs/cartpole-seed0           states in, actions out\n"
       "Exit codes: 0 fine, 2 bad input, 3 the robot failed, 130 interrupted (Ctrl-C), 143 "
       "terminated, 1 any other failure.");
   try {
