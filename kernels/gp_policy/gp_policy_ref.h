@@ -27,7 +27,8 @@ inline GpPolicyReference ReferenceGpPolicy(const GpPolicyShape& shape, const dou
     const auto covariance = [&](const auto& x, const double* z) {
       long double distance = 0;
       for (int f = 0; f < dim; ++f) {
-        const long double difference = (x(f) - z[f]) / std::exp<long double>(log_lengthscales[f]);
+        const long double difference =
+            (x(f) - z[f]) / std::exp(static_cast<long double>(log_lengthscales[f]));
         distance += difference * difference;
       }
       return std::exp(-distance / 2);

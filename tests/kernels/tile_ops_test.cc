@@ -7,30 +7,17 @@
 
 #include "kernels/features/features.h"
 #include "kernels/features/features_ref.h"
-#include "kernels/mlp/mlp.h"
-#include "kernels/mlp/mlp_ref.h"
 #include "kernels/reward/reward.h"
 #include "kernels/reward/reward_ref.h"
 #include "kernels/transition/transition.h"
 #include "kernels/transition/transition_ref.h"
 #include "tests/kernels/each_target.h"
+#include "tests/kernels/random_tile.h"
 
 namespace downpour {
 namespace {
 
 constexpr double kEps = std::numeric_limits<double>::epsilon();
-
-AlignedVector<double> RandomTile(int rows, double scale, TestNumbers& random) {
-  AlignedVector<double> tile(rows * kTileLanes);
-  for (double& x : tile) x = scale * random();
-  return tile;
-}
-
-std::vector<double> Column(const AlignedVector<double>& tile, int lane) {
-  std::vector<double> column(tile.size() / kTileLanes);
-  for (std::size_t r = 0; r < column.size(); ++r) column[r] = tile[r * kTileLanes + lane];
-  return column;
-}
 
 TEST_CASE("features: match the long-double twin to 3 ulp on every target") {
   ForEachTarget([](const char* target) {
@@ -54,48 +41,6 @@ TEST_CASE("features: match the long-double twin to 3 ulp on every target") {
         }
       }
     }
-  });
-}
-
-TEST_CASE("mlp: matches the long-double twin for every shape and target") {
-  ForEachTarget([](const char* target) {
-    CAPTURE(target);
-    TestNumbers random(2);
-    for (const MlpShape shape :
-         {MlpShape{1, 1, 1}, MlpShape{5, 10, 1}, MlpShape{8, 10, 4}, MlpShape{3, 33, 2}}) {
-      const auto parameters = RandomTile(shape.n_parameters(), 2, random);
-      const auto inputs = RandomTile(shape.n_inputs, 3, random);
-      std::vector<double> scale(shape.n_inputs), limits(shape.n_outputs);
-      for (double& s : scale) s = 0.6 + 0.4 * random();
-      for (double& l : limits) l = 5 + random();
-      AlignedVector<double> outputs(shape.n_outputs * kTileLanes);
-      MlpTile(shape, parameters.data(), scale.data(), limits.data(), inputs.data(), outputs.data());
-      for (int lane = 0; lane < kTileLanes; ++lane) {
-        const auto theta = Column(parameters, lane);
-        const auto want = MlpReference(shape, theta.data(), scale.data(), limits.data(),
-                                       Column(inputs, lane).data());
-        for (int o = 0; o < shape.n_outputs; ++o) {
-          // Weights <= 2, scaled inputs <= 3: each hidden pre-activation sums F + 1 terms <= 6,
-          // its error reaches the output through a weight <= 2, with tanh within 5 ulp.
-          const double hidden = (shape.n_inputs + 2) * 6.0 * (shape.n_inputs + 1) + 5;
-          const double bound = (shape.n_hidden + 1) * 2 * (hidden + shape.n_hidden + 2) + 8;
-          CHECK(std::abs(outputs[o * kTileLanes + lane] - want[o]) <= limits[o] * bound * kEps);
-          CHECK(std::abs(outputs[o * kTileLanes + lane]) <= limits[o]);
-        }
-      }
-    }
-  });
-}
-
-TEST_CASE("mlp: a saturated network keeps the limit exactly") {
-  const MlpShape shape{1, 1, 1};
-  AlignedVector<double> parameters(4 * kTileLanes, 1e3), inputs(kTileLanes, 1e3);
-  AlignedVector<double> outputs(kTileLanes);
-  const double scale = 1, limit = 10;
-  ForEachTarget([&](const char* target) {
-    CAPTURE(target);
-    MlpTile(shape, parameters.data(), &scale, &limit, inputs.data(), outputs.data());
-    for (const double u : outputs) CHECK(u == limit);
   });
 }
 
