@@ -209,6 +209,7 @@ TEST_CASE("evaluator: statistics of a batch are what it added") {
 TEST_CASE("evaluator: a second batch of the same size does not allocate") {
   for (const QueryBackend backend : {QueryBackend::kFused, QueryBackend::kBlas}) {
     Fixture f(6, 30, backend);
+    f.policy = MakePolicy(f.task, {.kind = PolicyKind::kGp});  // prepares, and uses scratch
     EvaluatorOptions options;
     options.threads = 2;
     Evaluator evaluator(f.task, *f.policy, f.factors, options);
