@@ -171,7 +171,7 @@ TEST_CASE("run directory: a policy file with a wrong field is refused") {
     return ErrorOf<InvalidInput>([&] { ReadPolicy(file); });
   };
   const std::string at = file.string() + ": ";
-  CHECK(error("/kind", "gp") == at + "kind = \"gp\": must be \"nn\"");
+  CHECK(error("/kind", "gp") == at + "points is missing");
   CHECK(error("/parameters/2", "nan") == at + "parameters[2] = \"nan\": must be finite");
   CHECK(error("/parameters/4", "-inf") == at + "parameters[4] = \"-inf\": must be finite");
   CHECK(error("/input_scale/0", 0) == at + "input_scale[0] = 0: must be finite and > 0");
