@@ -25,7 +25,7 @@ namespace downpour {
 // the thread's stack for one block.
 struct Evaluator::TileScratch {
   double* parameters;  // P
-  double* policy;      // the policy's scratch
+  double* prepared;    // the policy's scratch
   double* states;      // E
   double* inputs;      // F + A: features, then actions: the model's input is read in place
   double* means;       // E
@@ -45,15 +45,15 @@ struct Evaluator::TileScratch {
   }
 
   // Takes parts of `memory`, which holds Size(...) doubles.
-  void Carve(const Task& task, const Policy& function, double* memory) {
+  void Carve(const Task& task, const Policy& policy, double* memory) {
     const auto take = [&memory](std::size_t rows) {
       double* const part = memory;
       memory += rows * kTileLanes;
       return part;
     };
     const std::size_t n_states = task.n_states();
-    parameters = take(function.n_parameters());
-    policy = take(function.scratch_rows());
+    parameters = take(policy.n_parameters());
+    prepared = take(policy.scratch_rows());
     states = take(n_states);
     inputs = take(task.n_inputs());
     means = take(n_states);
@@ -254,7 +254,7 @@ void Evaluator::PackTile(const Batch& batch, int first, int n, TileScratch* scra
     s.keys1[lane] = batch.keys[source.candidate].word1;
     s.rollouts[lane] = source.rollout;
   }
-  policy_.PrepareTile(s.parameters, s.policy);
+  policy_.PrepareTile(s.parameters, s.prepared);
   // Lanes beyond n need not be queried: their means stay at what they are here.
   std::fill_n(s.means, kTileLanes * task_.n_states(), 0.0);
   std::fill_n(s.variances, kTileLanes * task_.n_states(), 0.0);
@@ -296,7 +296,7 @@ void Evaluator::SaveTile(int first, int n, const TileScratch& s) {
 
 void Evaluator::ActTile(std::uint32_t step, int first, int n, const TileScratch& s,
                         double* visited) const {
-  policy_.ActTile(static_cast<int>(step), s.parameters, s.inputs, s.policy,
+  policy_.ActTile(static_cast<int>(step), s.parameters, s.inputs, s.prepared,
                   s.inputs + task_.n_features() * kTileLanes);
   if (visited == nullptr) return;
   const int dim = task_.n_inputs();

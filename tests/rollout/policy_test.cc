@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -72,6 +73,32 @@ TEST_CASE("policy: in the evaluator, bits depend neither on threads nor on packi
     const auto few = f.Returns(3, 2, {});
     CHECK(std::equal(few.begin(), few.end(), one.begin()));
     CHECK(*std::max_element(one.begin(), one.end()) > *std::min_element(one.begin(), one.end()));
+  }
+}
+
+TEST_CASE("policy: rollouts that are packed anew half-way end with the same bits") {
+  for (const PolicyOptions& options : kKinds) {
+    Fixture f(8);
+    f.policy = MakePolicy(f.task, options);
+    CAPTURE(f.policy->kind());
+    const int n = 61;
+    const auto whole = f.Returns(n, 1, {});
+    std::vector<double> theta(static_cast<std::size_t>(n) * f.policy->n_parameters());
+    FillNormals({2, 2}, 0, theta.data(), theta.size());
+    std::vector<StreamKey> keys;
+    for (std::uint32_t c = 0; c < n; ++c) {
+      keys.push_back(DeriveKey(7, StreamPurpose::kRollout, {c}));
+    }
+    Evaluator evaluator(f.task, *f.policy, f.factors, {});
+    std::vector<double> returns(n);
+    const CandidateGroup all{n, 5};
+    evaluator.Evaluate(theta, keys, std::vector<int>(n, 1), std::vector<int>(n, 0), returns,
+                       std::span(&all, 1));
+    std::vector<double> best = whole;
+    std::nth_element(best.begin(), best.begin() + 4, best.end(), std::greater<>());
+    for (int c = 0; c < n; ++c) {
+      if (whole[c] >= best[4]) CHECK(returns[c] == whole[c]);
+    }
   }
 }
 
