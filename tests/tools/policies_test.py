@@ -5,6 +5,7 @@ import math
 import random
 import subprocess
 import sys
+import threading
 
 from command import PROGRAM, TINY, Claims, downpour, learn, results, scratch_directory
 
@@ -222,12 +223,15 @@ def flushed():
     """The answer to a state comes before the next state is given."""
     process = subprocess.Popen([PROGRAM, "act", str(scratch / "pendulum-gp")], text=True,
                                stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    timer = threading.Timer(20, process.kill)  # an answer that never comes
+    timer.start()
     answers = []
     for state in ("0 0", "1 1"):
         process.stdin.write(state + "\n")
         process.stdin.flush()
         answers.append(process.stdout.readline())
     process.stdin.close()
+    timer.cancel()
     claims.check("act: answers at once, and ends with its input",
                  process.wait() == 0 and all(answers), answers)
 
