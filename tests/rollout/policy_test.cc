@@ -102,16 +102,22 @@ TEST_CASE("policy: rollouts that are packed anew half-way end with the same bits
   }
 }
 
-TEST_CASE("policy: the evaluator hands on the step") {
-  Fixture f(8);
-  f.policy = MakePolicy(f.task, {.kind = PolicyKind::kDmp, .points = 3});
-  Evaluator evaluator(f.task, *f.policy, f.factors, {});
-  const std::vector<double> theta = {0.3, 1, -0.5, 0.8};
-  const auto visited = evaluator.VisitedInputs(theta, std::vector<StreamKey>{{1, 1}});
-  for (int step = 0; step < 8; ++step) {
-    std::vector<double> u(1);
-    f.policy->Act(step, theta, std::vector<double>(3), u);
-    CHECK(visited[step * 4 + 3] == u[0]);
+TEST_CASE("policy: rollouts act as the policy does for one state and step") {
+  for (const PolicyOptions& options : kKinds) {
+    Fixture f(8);
+    f.policy = MakePolicy(f.task, options);
+    CAPTURE(f.policy->kind());
+    Evaluator evaluator(f.task, *f.policy, f.factors, {});
+    std::vector<double> theta(f.policy->n_parameters());
+    FillNormals({1, 1}, 0, theta.data(), theta.size());
+    const auto visited = evaluator.VisitedInputs(theta, std::vector<StreamKey>{{1, 1}});
+    for (int step = 0; step < 8; ++step) {
+      const double* x = &visited[step * 4];
+      std::vector<double> u(1);
+      f.policy->Act(step, theta, std::span(x, 3), u);
+      CHECK(x[3] == u[0]);
+      CHECK(u[0] != 0);
+    }
   }
 }
 
