@@ -151,7 +151,7 @@ int Main(int argc, char** argv) {
   for (int e = 0; e < data.n_outputs(); ++e) {
     gps.emplace_back(data.inputs, data.targets.col(e), fits[e].hyperparameters);
   }
-  const auto policy = MakeNeuralNetworkPolicy(task, 10);
+  const auto policy = MakePolicy(task, PolicyOptions{});
   const std::vector<double> origin(policy->n_parameters(), 0.0);
   std::printf("%s: %d points; P = %d, lambda = %d, %d instances\n", settings.run.c_str(),
               data.n_points(), policy->n_parameters(), settings.search.population,
