@@ -151,7 +151,7 @@ LearnerState RunWithFailures(const std::vector<int>& fail_at, const LearnerOptio
 TEST_CASE("measured system: the model learns from episodes that were cut short, down to one step") {
   LearnerOptions options;
   options.episodes = 4;
-  options.hidden_units = 2;
+  options.policy.hidden_units = {2};
   options.search.evaluations = 600;
   options.search.final_rollouts = 10;
   options.model.max_evaluations = 20;
