@@ -119,6 +119,7 @@ TEST_CASE(
   PolicySearchOptions options = EqualOptions();
   options.evaluations = 40000;
   options.first_sigma = 0.25;
+  options.local_share = 0;
   options.restarts = RestartStrategy::kBipop;
   const PolicySearchResult result = Search(options, Noisy(Hill, 1));
   REQUIRE(result.runs.size() > 4);
