@@ -9,11 +9,11 @@
 #include <variant>
 
 #include "engine/rollout/evaluator.h"
+#include "engine/rollout/reward.h"
 #include "engine/rollout/tiling.h"
 #include "kernels/features/features.h"
 #include "kernels/gp_query/gp_query.h"
 #include "kernels/philox/philox.h"
-#include "kernels/reward/reward.h"
 #include "kernels/transition/transition.h"
 
 namespace downpour {
@@ -136,9 +136,8 @@ class Tile {
     clock->Charge(kTransition);
     FeatureTile(task_.features.data(), task_.n_features(), states_.data(), inputs_.data());
     clock->Charge(kFeatures);
-    const SaturatingReward& reward = task_.reward;
-    SaturatingRewardTile(reward.n_rows, task_.n_features(), reward.a.data(), reward.b.data(),
-                         reward.width, inputs_.data(), rewards_.data());
+    task_.reward->EvaluateTile(static_cast<int>(step), states_.data(), inputs_.data(),
+                               inputs_.data() + task_.n_features() * kTileLanes, rewards_.data());
     for (int lane = 0; lane < kTileLanes; ++lane) sums_[lane] += rewards_[lane];
     clock->Charge(kReward);
   }

@@ -8,7 +8,8 @@
 // All tasks, one line each: tasks/<name>/<name>.cc defines downpour::<name>::Make().
 #define DOWNPOUR_TASKS(TASK) \
   TASK(pendulum)             \
-  TASK(cartpole)
+  TASK(cartpole)             \
+  TASK(arm)
 
 namespace downpour {
 

@@ -51,7 +51,7 @@ std::vector<double> LogInputStd(const Eigen::MatrixXd& inputs) {
 
 double LogOutputRms(const Eigen::MatrixXd& targets, int output) {
   const double rms = targets.col(output).stableNorm() / std::sqrt(targets.rows());
-  return std::log(std::max(rms, 1e-6));
+  return std::log(std::max(rms, 1e-12));
 }
 
 // Subtracts one term ((log ratio) / log limit)^30 of the curb; adds the curb's derivative with
@@ -220,7 +220,7 @@ std::vector<GpFit> FitHyperparameters(const Dataset& data,
                                       const std::vector<Hyperparameters>& warm_start,
                                       const GpFitOptions& options, std::uint64_t seed,
                                       std::uint32_t episode, int threads,
-                                      const std::atomic<bool>* stop) {
+                                      const std::atomic<bool>* stop, int first_output) {
   CheckArguments(data, warm_start, options, threads);
   const int n_outputs = data.n_outputs(), n_starts = options.restarts + 1;
   std::vector<LogScales> scales(n_outputs);
@@ -231,9 +231,9 @@ std::vector<GpFit> FitHyperparameters(const Dataset& data,
   const auto search = [&](int output, int start) {
     std::vector<double> parameters;
     if (start > 0) {
-      const StreamKey key = DeriveKey(
-          seed, StreamPurpose::kModelRestart,
-          {episode, static_cast<std::uint32_t>(output), static_cast<std::uint32_t>(start)});
+      const StreamKey key = DeriveKey(seed, StreamPurpose::kModelRestart,
+                                      {episode, static_cast<std::uint32_t>(first_output + output),
+                                       static_cast<std::uint32_t>(start)});
       parameters = RandomStart(scales[output], key);
     } else {
       parameters =

@@ -74,18 +74,19 @@ struct GpFit {
 // subtracted from the log likelihood. `warm_start` is empty or holds one entry an output (the last
 // episode's optimum). The default start is l_d = std x_d, sigma_f = rms y (the std of differences
 // about the prior mean, zero), sigma_n = rms y / 10. A constant input (or n = 1) counts as std 1;
-// rms y is at least 1e-6, so that an output that is always zero has an answer, too. The search
+// rms y is at least 1e-12, so that an output that is always zero has an answer, too. The search
 // stays within l_d / std x_d in [1e-3, 1e3], sigma_f / rms y in [1e-4, 1e4], sigma_n / rms y in
-// [1e-6, 1e2]. Starts are drawn from (seed, episode, output, start), so results do not depend on
-// `threads`. Outputs x starts run in parallel on `threads` OpenMP threads; the highest penalised
-// likelihood wins, ties go to the first start. Throws InvalidInput for empty or non-finite data,
-// options out of range, a warm start that does not fit, or data so large that no likelihood is
-// finite. `stop` (may be null) is looked at before every likelihood; once it is true, throws
-// Interrupted.
+// [1e-6, 1e2]. Starts are drawn from (seed, episode, first_output + output, start), so results do
+// not depend on `threads`. Outputs x starts run in parallel on `threads` OpenMP threads; the
+// highest penalised likelihood wins, ties go to the first start. Throws InvalidInput for empty or
+// non-finite data, options out of range, a warm start that does not fit, or data so large that no
+// likelihood is finite. `stop` (may be null) is looked at before every likelihood; once it is true,
+// throws Interrupted.
 std::vector<GpFit> FitHyperparameters(const Dataset& data,
                                       const std::vector<Hyperparameters>& warm_start,
                                       const GpFitOptions& options, std::uint64_t seed,
                                       std::uint32_t episode, int threads,
-                                      const std::atomic<bool>* stop = nullptr);
+                                      const std::atomic<bool>* stop = nullptr,
+                                      int first_output = 0);
 
 }  // namespace downpour

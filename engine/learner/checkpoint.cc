@@ -13,6 +13,7 @@
 #include "engine/learner/json_field.h"
 #include "engine/learner/learner_checks.h"
 #include "engine/rollout/policy.h"
+#include "engine/rollout/reward.h"
 
 namespace downpour {
 namespace {
@@ -40,9 +41,7 @@ Json TaskSettings(const Task& task) {
           {"task.start_std", JsonNumbers(task.start_std)},
           {"task.observation_std", JsonNumbers(task.observation_std)},
           {"task.policy_input_scale", JsonNumbers(task.policy_input_scale)},
-          {"task.reward.a", JsonNumbers(task.reward.a)},
-          {"task.reward.b", JsonNumbers(task.reward.b)},
-          {"task.reward.width", JsonNumber(task.reward.width)}};
+          {"task.reward", task.reward->Describe()}};
 }
 
 // All settings that results depend on, by the name the user gives them.
@@ -52,8 +51,8 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   static constexpr std::array kCovariance = {"auto", "full", "diagonal", "limited-memory"};
   static constexpr std::array kCommonRandomNumbers = {"off", "generation", "search"};
   // Named one by one, so that a new option does not compile until it is here.
-  const auto& [episodes, random_episodes, until_solved, policy, seed, threads, model, plan, search,
-               rollout] = options;
+  const auto& [episodes, random_episodes, until_solved, learn_reward, policy, seed, threads, model, plan,
+               search, rollout] = options;
   const auto& [kind, hidden_units, activation, points, make] = policy;
   const auto& [restarts, max_evaluations] = model;
   const auto& [variance_tolerance, mean_tolerance, backend] = plan;
@@ -67,6 +66,7 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   static_cast<void>(rollout_threads), static_cast<void>(search_threads);
   Json settings = {{"learn.seed", seed},
                    {"learn.random_episodes", random_episodes},
+                   {"learn.learn_reward", learn_reward},
                    {"policy.kind", make ? MakePolicy(task, policy)->kind()
                                         : kPolicyKindNames.at(static_cast<std::size_t>(kind))},
                    {"policy.hidden_units", hidden_units},

@@ -49,7 +49,7 @@ std::string EpisodesCsv(const LearnerState& state) {
   return csv;
 }
 
-std::string TimingCsv(const Task& task, const LearnerState& state) {
+std::string TimingCsv(const std::vector<Variable>& outputs, const LearnerState& state) {
   constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
   std::vector<std::string> header = {"episode",
                                      "model_seconds [s]",
@@ -58,7 +58,7 @@ std::string TimingCsv(const Task& task, const LearnerState& state) {
                                      "rollout_seconds [s]",
                                      "idle_share",
                                      "rollout_time_per_gp_query [ns]"};
-  for (const Variable& output : task.states) {
+  for (const Variable& output : outputs) {
     header.push_back(CsvField(ColumnName("gp_query_time.", {output.name, "ns"})));
   }
   std::string csv;
@@ -74,8 +74,7 @@ std::string TimingCsv(const Task& task, const LearnerState& state) {
                                     CsvField(record.idle_share),
                                     CsvField(RolloutNanosecondsPerQuery(record))};
     AppendNumbers(
-        record.random ? std::vector<double>(task.n_states(), kNaN) : record.query_nanoseconds,
-        &row);
+        record.random ? std::vector<double>(outputs.size(), kNaN) : record.query_nanoseconds, &row);
     AppendRow(row, &csv);
   }
   return csv;
@@ -104,20 +103,21 @@ std::string TransitionsCsv(const Task& task, const LearnerState& state) {
   return csv;
 }
 
-std::string HyperparametersCsv(const Task& task, const LearnerState& state) {
+std::string HyperparametersCsv(const Task& task, const std::vector<Variable>& outputs,
+                               const LearnerState& state) {
   std::vector<Variable> inputs = task.feature_names;
   inputs.insert(inputs.end(), task.actions.begin(), task.actions.end());
   std::string csv = "episode,output,hyperparameter,unit,value\n";
   for (const EpisodeRecord& record : state.episodes) {
     for (std::size_t e = 0; e < record.hyperparameters.size(); ++e) {
       const Hyperparameters& parameters = record.hyperparameters[e];
-      const Variable& output = task.states[e];
+      const Variable& output = outputs[e];
       const auto append = [&](const std::string& name, const std::string& unit, double value) {
         AppendRow({std::to_string(record.episode), CsvField(output.name), CsvField(name),
                    CsvField(unit), CsvField(value)},
                   &csv);
       };
-      for (std::size_t d = 0; d < inputs.size(); ++d) {
+      for (std::size_t d = 0; d < parameters.lengthscales.size(); ++d) {
         append("lengthscale." + inputs[d].name, inputs[d].unit, parameters.lengthscales[d]);
       }
       append("signal_std", output.unit, parameters.signal_std);
@@ -128,14 +128,14 @@ std::string HyperparametersCsv(const Task& task, const LearnerState& state) {
   return csv;
 }
 
-std::string PlansCsv(const Task& task, const LearnerState& state) {
+std::string PlansCsv(const std::vector<Variable>& outputs, const LearnerState& state) {
   std::string csv =
       "episode,output,backend,n,points,precision,tau,relative_cost,variance_error,mean_error,"
       "changes\n";
   for (const EpisodeRecord& record : state.episodes) {
     for (std::size_t e = 0; e < record.plans.size(); ++e) {
       const PlanRecord& plan = record.plans[e];
-      AppendRow({std::to_string(record.episode), CsvField(task.states[e].name),
+      AppendRow({std::to_string(record.episode), CsvField(outputs[e].name),
                  QueryBackendName(plan.backend), std::to_string(record.points),
                  std::to_string(plan.points), plan.single_precision ? "fp32" : "fp64",
                  CsvField(plan.tau), CsvField(plan.relative_cost), CsvField(plan.variance_error),

@@ -9,6 +9,7 @@
 
 #include "engine/errors.h"
 #include "engine/learner/text_format.h"
+#include "engine/rollout/reward.h"
 #include "kernels/philox/philox.h"
 
 namespace downpour {
@@ -31,6 +32,14 @@ void CheckFinite(std::span<const double> values, const std::vector<Variable>& va
                        ": " + variables[i].name + " = " + FormatNumber(values[i]) +
                        " on the real system: must be finite");
   }
+}
+
+// What rollouts take as divergence is no reward on the real system either.
+void CheckReward(double reward, int episode, int step) {
+  if (std::abs(reward) <= Reward::kLimit) return;
+  throw InvalidInput("episode " + std::to_string(episode) + ", step " + std::to_string(step) +
+                     ": reward = " + FormatNumber(reward) +
+                     " on the real system: must be within +-" + FormatNumber(Reward::kLimit));
 }
 
 // What the steps of an episode work on.
@@ -68,7 +77,9 @@ Transition RunStep(int step, Episode* e) {
   e->observation = AddNoise(next, e->noise_std, e->noise_key, static_cast<std::uint32_t>(step) + 1);
   transition.next_observation = e->observation;
   transition.next_state.assign(next.begin(), next.end());
-  transition.reward = e->system.reward().value_or(ComputeReward(task, next));
+  transition.reward =
+      e->system.reward().value_or(ComputeReward(task, step, next, transition.action));
+  CheckReward(transition.reward, e->episode, step);
   return transition;
 }
 

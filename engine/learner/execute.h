@@ -26,7 +26,7 @@ using Controller =
 // observation_t = state_t + observation_std z_t, z_t from `noise_key` at counter t: one draw a
 // time, which is next_observation of step t - 1 and observation of step t. Actions are clipped to
 // the limits. Throws InvalidInput if the system or the controller gives a number that is not
-// finite.
+// finite, or a reward is beyond +-Reward::kLimit.
 //
 // On a measured system (System::measured) no noise is added, the states measured stand for the
 // noise-free ones, and the system's own reward comes before the task's. It may end the episode

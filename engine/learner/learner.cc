@@ -70,6 +70,42 @@ Dataset MakeDataset(const Task& task, const std::vector<Transition>& transitions
   return data;
 }
 
+// Inputs features of the next observation, one target: the reward observed (paper section IV-B).
+Dataset MakeRewardDataset(const Task& task, const std::vector<Transition>& transitions) {
+  Dataset data;
+  const int n = static_cast<int>(transitions.size());
+  data.inputs.resize(n, task.n_features());
+  data.targets.resize(n, 1);
+  std::vector<double> features(task.features.size());
+  for (int i = 0; i < n; ++i) {
+    ComputeFeatures(task, transitions[i].next_observation, features);
+    for (int f = 0; f < task.n_features(); ++f) data.inputs(i, f) = features[f];
+    data.targets(i, 0) = transitions[i].reward;
+  }
+  return data;
+}
+
+// Learns a GP for each output of `data`, which are those of the model from `first_output` on, and
+// appends them to `gps` and their numbers to the record.
+void LearnOutputs(const Dataset& data, int first_output, const LearnerOptions& options,
+                  const EpisodeRecord* last, const std::atomic<bool>* stop,
+                  std::vector<ExactGp>* gps, EpisodeRecord* record) {
+  std::vector<Hyperparameters> warm_start;
+  if (last != nullptr) {
+    const auto first = last->hyperparameters.begin() + first_output;
+    warm_start.assign(first, first + data.n_outputs());
+  }
+  const std::vector<GpFit> fits = FitHyperparameters(data, warm_start, options.model, options.seed,
+                                                     static_cast<std::uint32_t>(record->episode),
+                                                     options.rollout.threads, stop, first_output);
+  for (int e = 0; e < data.n_outputs(); ++e) {
+    record->hyperparameters.push_back(fits[e].hyperparameters);
+    gps->emplace_back(data.inputs, data.targets.col(e), fits[e].hyperparameters);
+    const double signal_std = fits[e].hyperparameters.signal_std;
+    record->jitter.push_back(gps->back().jitter() / (signal_std * signal_std));
+  }
+}
+
 // Learns the model of all transitions so far and plans its queries; fills the record's model
 // fields.
 PlannedModel LearnModel(const Task& task, const LearnerOptions& options, const LearnerState& state,
@@ -78,15 +114,11 @@ PlannedModel LearnModel(const Task& task, const LearnerOptions& options, const L
   const auto start = std::chrono::steady_clock::now();
   const Dataset data = MakeDataset(task, state.transitions);
   const EpisodeRecord* last = LastLearnt(state);
-  const std::vector<GpFit> fits = FitHyperparameters(
-      data, last == nullptr ? std::vector<Hyperparameters>() : last->hyperparameters, options.model,
-      options.seed, static_cast<std::uint32_t>(record->episode), options.rollout.threads, stop);
   std::vector<ExactGp> gps;
-  for (int e = 0; e < data.n_outputs(); ++e) {
-    record->hyperparameters.push_back(fits[e].hyperparameters);
-    gps.emplace_back(data.inputs, data.targets.col(e), fits[e].hyperparameters);
-    const double signal_std = fits[e].hyperparameters.signal_std;
-    record->jitter.push_back(gps.back().jitter() / (signal_std * signal_std));
+  LearnOutputs(data, 0, options, last, stop, &gps, record);
+  if (options.learn_reward) {
+    LearnOutputs(MakeRewardDataset(task, state.transitions), task.n_states(), options, last, stop,
+                 &gps, record);
   }
   PlannedModel model(std::move(gps), options.plan, options.rollout.threads);
   Evaluator evaluator(task, policy, model.exact_factors(), options.rollout);
@@ -187,6 +219,12 @@ Controller MakeController(const Task& task, const Policy& policy, const EpisodeR
 
 bool Aborted(const EpisodeRecord& record) { return record.outcome.starts_with(kAborted); }
 
+std::vector<Variable> ModelOutputs(const Task& task, const LearnerOptions& options) {
+  std::vector<Variable> outputs = task.states;
+  if (options.learn_reward) outputs.push_back({"reward", "1"});
+  return outputs;
+}
+
 double RolloutNanosecondsPerQuery(const EpisodeRecord& record) {
   if (record.random) return std::numeric_limits<double>::quiet_NaN();
   return 1e9 * record.rollout_seconds / static_cast<double>(record.gp_queries);
@@ -196,6 +234,7 @@ Learner::Learner(Task task, LearnerOptions options, LearnerState state)
     : task_(std::move(task)), options_(std::move(options)), state_(std::move(state)) {
   CheckOptions(options_);
   CheckTask(task_);
+  CheckReward(task_, options_);
   options_.rollout.threads = options_.threads == 0 ? omp_get_num_procs() : options_.threads;
   options_.search.threads = options_.rollout.threads;
   policy_ = MakePolicy(task_, options_.policy);

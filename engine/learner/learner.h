@@ -21,6 +21,9 @@ struct LearnerOptions {
   int episodes = 15;        // random ones included; [2, 1000]
   int random_episodes = 1;  // [1, 999], less than episodes
   bool until_solved = false;
+  // The reward is unknown: a GP on the features of the state learns it from observed rewards (paper
+  // section IV-B) and rollouts sample it. Tasks have a default of their own (Task::learn_reward).
+  bool learn_reward = false;
   PolicyOptions policy;
   std::uint64_t seed = 0;
   int threads = 0;  // 0: all cores
@@ -89,15 +92,15 @@ struct EpisodeRecord {
   int steps = 0;                    // on the system: H if complete, else at least one
   std::string outcome = kComplete;  // or kDone, or kAborted + " at step 3: no answer ..."
   std::vector<double> policy;       // (P), empty for a random episode
-  std::vector<Hyperparameters> hyperparameters;  // (E), empty for a random episode
-  // (E) added to the diagonal of K, in units of signal_std^2; mostly 0 (gp_model.h); empty for a
-  // random episode.
+  // One an output (ModelOutputs), as jitter, plans and query_nanoseconds; empty for a random
+  // episode.
+  std::vector<Hyperparameters> hyperparameters;
+  // Added to the diagonal of K, in units of signal_std^2; mostly 0 (gp_model.h).
   std::vector<double> jitter;
-  // How the rollouts queried each output at the end of the search (E); empty for a random episode.
+  // How the rollouts queried each output at the end of the search.
   std::vector<PlanRecord> plans;
   int plan_changes = 0;  // outputs planned again during the search
-  // (E) ns of one query of mean and variance by these plans on one thread, measured after the
-  // search; empty for a random episode.
+  // ns of one query of mean and variance by these plans on one thread, measured after the search.
   std::vector<double> query_nanoseconds;
   std::vector<RunRecord> runs;
   Platform platform;
@@ -105,6 +108,9 @@ struct EpisodeRecord {
 
 // True if the episode was aborted.
 bool Aborted(const EpisodeRecord& record);
+
+// What the model predicts, as names and units: the state variables and, if it is learnt, "reward".
+std::vector<Variable> ModelOutputs(const Task& task, const LearnerOptions& options);
 
 // Wall time of the search's rollouts, all threads, a GP query in ns: policy, sampling and reward
 // are in it. NaN for a random episode.
@@ -129,7 +135,8 @@ class Learner {
     const std::atomic<bool>* stop = nullptr;
   };
 
-  // Throws InvalidInput if an option is out of range or the task is inconsistent.
+  // Throws InvalidInput if an option is out of range or the task is inconsistent, or if
+  // search.stop_lost_causes is on and rewards may leave [0, 1], as learnt ones may.
   Learner(Task task, LearnerOptions options, LearnerState state = {});
 
   bool done() const;  // all episodes run, or solved with until_solved

@@ -7,6 +7,7 @@
 
 #include "engine/errors.h"
 #include "engine/learner/text_format.h"
+#include "engine/rollout/reward.h"
 
 namespace downpour {
 namespace {
@@ -70,19 +71,21 @@ void CheckOutcome(const std::string& name, const EpisodeRecord& record, int hori
 }
 
 void CheckEpisode(const std::string& name, const EpisodeRecord& record, const Task& task,
-                  int n_parameters) {
+                  bool learn_reward, int n_parameters) {
+  const int n_outputs = record.random ? 0 : task.n_states() + (learn_reward ? 1 : 0);
   CheckOutcome(name, record, task.horizon);
   CheckFinite(name + ".real_return", record.real_return);
   CheckEach(name + ".policy", record.policy, record.random ? 0 : n_parameters, CheckFinite);
-  CheckSize(name + ".hyperparameters", record.hyperparameters.size(),
-            record.random ? 0 : task.n_states());
-  CheckEach(name + ".jitter", record.jitter, record.random ? 0 : task.n_states(), CheckNotNegative);
-  CheckSize(name + ".plans", record.plans.size(), record.random ? 0 : task.n_states());
+  CheckSize(name + ".hyperparameters", record.hyperparameters.size(), n_outputs);
+  CheckEach(name + ".jitter", record.jitter, n_outputs, CheckNotNegative);
+  CheckSize(name + ".plans", record.plans.size(), n_outputs);
   CheckSize(name + ".query_nanoseconds", record.query_nanoseconds.size(), record.plans.size());
   for (std::size_t e = 0; e < record.hyperparameters.size(); ++e) {
     const std::string output = name + ".hyperparameters[" + std::to_string(e) + "]";
     const Hyperparameters& parameters = record.hyperparameters[e];
-    CheckEach(output + ".lengthscales", parameters.lengthscales, task.n_inputs(), CheckPositive);
+    const bool is_state = static_cast<int>(e) < task.n_states();
+    CheckEach(output + ".lengthscales", parameters.lengthscales,
+              is_state ? task.n_inputs() : task.n_features(), CheckPositive);
     CheckPositive(output + ".signal_std", parameters.signal_std);
     CheckPositive(output + ".noise_std", parameters.noise_std);
   }
@@ -133,12 +136,18 @@ void CheckTask(const Task& task) {
             CheckPositive);
   CheckRange((prefix + "policy_points").c_str(), task.policy_points, 1, kMaxPolicyPoints);
   CheckPositive(prefix + "control_period", task.control_period);
-  CheckPositive(prefix + "reward.width", task.reward.width);
-  CheckEach(prefix + "reward.a", task.reward.a, task.reward.n_rows * task.n_features(),
-            CheckFinite);
-  CheckEach(prefix + "reward.b", task.reward.b, task.reward.n_rows, CheckFinite);
+  if (!task.reward) throw InvalidInput(prefix + "reward is empty: must be one");
   if (!task.solved) throw InvalidInput(prefix + "solved is empty: must be a function");
   if (!task.make_system) throw InvalidInput(prefix + "make_system is empty: must be a function");
+}
+
+void CheckReward(const Task& task, const LearnerOptions& options) {
+  if (!options.search.stop_lost_causes) return;
+  if (!options.learn_reward && task.reward->InUnitInterval()) return;
+  throw InvalidInput(
+      "search.stop_lost_causes = true: must be false where rewards may leave [0, 1], as " +
+      (options.learn_reward ? std::string("learnt ones (learn.learn_reward) may")
+                            : "those of task " + task.name + " may"));
 }
 
 void CheckState(const Task& task, const LearnerOptions& options, int n_parameters,
@@ -149,7 +158,7 @@ void CheckState(const Task& task, const LearnerOptions& options, int n_parameter
     const std::string name = "episodes[" + std::to_string(i) + "]";
     CheckEqual(name + ".episode", record.episode, static_cast<std::int64_t>(i) + 1);
     CheckEqual(name + ".random", record.random, record.episode <= options.random_episodes);
-    CheckEpisode(name, record, task, n_parameters);
+    CheckEpisode(name, record, task, options.learn_reward, n_parameters);
     n_transitions += record.steps;
   }
   CheckSize("transitions", state.transitions.size(), static_cast<std::size_t>(n_transitions));

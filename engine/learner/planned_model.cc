@@ -25,7 +25,7 @@ PlannedModel::PlannedModel(std::vector<ExactGp> gps, const QueryPlanOptions& opt
 void PlannedModel::Plan(std::span<const int> outputs, const QueryPlanOptions& options) {
   ParallelFor(static_cast<int>(outputs.size()), threads_, [&](int i) {
     const int e = outputs[i];
-    plans_[e] = ChoosePlan(gps_[e], probes_, options);
+    plans_[e] = ChoosePlan(gps_[e], probes_.leftCols(gps_[e].inputs().cols()), options);
     factors_[e] = plans_[e].factor;
     errors_[e] = plans_[e].probe_errors;
   });
@@ -36,7 +36,8 @@ std::vector<int> PlannedModel::Measure(std::span<const int> outputs,
   std::vector<PlanErrors> found(outputs.size());
   ParallelFor(static_cast<int>(outputs.size()), threads_, [&](int i) {
     const int e = outputs[i];
-    found[i] = MeasurePlan(plans_[e], std::get<GpFactor>(exact_factors_[e]), inputs);
+    found[i] = MeasurePlan(plans_[e], std::get<GpFactor>(exact_factors_[e]),
+                           inputs.leftCols(gps_[e].inputs().cols()));
   });
   std::vector<int> failed;
   for (std::size_t i = 0; i < outputs.size(); ++i) {

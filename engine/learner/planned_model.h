@@ -10,8 +10,9 @@
 
 namespace downpour {
 
-// A learnt dynamics model, one exact GP an output, and the plan by which rollouts query it. The
-// plan holds its tolerances on the probes: inputs like those that rollouts meet. Not thread-safe.
+// A learnt model, one exact GP an output, and the plan by which rollouts query it. The plan holds
+// its tolerances on the probes: inputs like those that rollouts meet (rows x D). An output of fewer
+// inputs, as a learnt reward, sees the leading columns. Not thread-safe.
 class PlannedModel {
  public:
   // `threads` OpenMP threads plan outputs side by side; results do not depend on it. Throws as

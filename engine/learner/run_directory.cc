@@ -83,10 +83,12 @@ LearnerState RunDirectory::ReadState(const Task& task, const LearnerOptions& opt
 void RunDirectory::Write(const Learner& learner) const {
   const LearnerState& state = learner.state();
   WriteFileAtomically(path_ / "episodes.csv", EpisodesCsv(state));
-  WriteFileAtomically(path_ / "timing.csv", TimingCsv(learner.task(), state));
+  const std::vector<Variable> outputs = ModelOutputs(learner.task(), learner.options());
+  WriteFileAtomically(path_ / "timing.csv", TimingCsv(outputs, state));
   WriteFileAtomically(path_ / "transitions.csv", TransitionsCsv(learner.task(), state));
-  WriteFileAtomically(path_ / "hyperparameters.csv", HyperparametersCsv(learner.task(), state));
-  WriteFileAtomically(path_ / "plans.csv", PlansCsv(learner.task(), state));
+  WriteFileAtomically(path_ / "hyperparameters.csv",
+                      HyperparametersCsv(learner.task(), outputs, state));
+  WriteFileAtomically(path_ / "plans.csv", PlansCsv(outputs, state));
   if (!state.episodes.empty()) WritePolicies(path_, learner);
   WriteCheckpoint(path_ / kCheckpoint, learner.task(), learner.options(), state);
 }

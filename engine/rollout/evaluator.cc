@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <chrono>
+#include <cmath>
 #include <limits>
 #include <numeric>
 #include <string>
@@ -14,9 +15,9 @@
 #include "engine/errors.h"
 #include "engine/parallel_for.h"
 #include "engine/rollout/one_lane.h"
+#include "engine/rollout/reward.h"
 #include "engine/rollout/tiling.h"
 #include "kernels/features/features.h"
-#include "kernels/reward/reward.h"
 #include "kernels/transition/transition.h"
 
 namespace downpour {
@@ -28,9 +29,9 @@ struct Evaluator::TileScratch {
   double* prepared;    // the policy's scratch
   double* states;      // E
   double* inputs;      // F + A: features, then actions: the model's input is read in place
-  double* means;       // E
-  double* variances;   // E
-  double* normals;     // E
+  double* means;       // E, or E + 1 with the learnt reward
+  double* variances;   // as many
+  double* normals;     // as many
   double* rewards;     // 1
   double* sums;        // 1
   double* alive;       // 1
@@ -38,27 +39,27 @@ struct Evaluator::TileScratch {
   alignas(kAlignment) std::uint32_t keys1[kTileLanes];
   alignas(kAlignment) std::uint32_t rollouts[kTileLanes];
 
-  static std::size_t Size(const Task& task, const Policy& policy) {
+  static std::size_t Size(const Task& task, const Policy& policy, int n_outputs) {
     const std::size_t rows = static_cast<std::size_t>(policy.n_parameters()) +
-                             policy.scratch_rows() + 4 * task.n_states() + task.n_inputs() + 3;
+                             policy.scratch_rows() + task.n_states() + task.n_inputs() +
+                             3 * n_outputs + 3;
     return rows * kTileLanes;
   }
 
   // Takes parts of `memory`, which holds Size(...) doubles.
-  void Carve(const Task& task, const Policy& policy, double* memory) {
+  void Carve(const Task& task, const Policy& policy, int n_outputs, double* memory) {
     const auto take = [&memory](std::size_t rows) {
       double* const part = memory;
       memory += rows * kTileLanes;
       return part;
     };
-    const std::size_t n_states = task.n_states();
     parameters = take(policy.n_parameters());
     prepared = take(policy.scratch_rows());
-    states = take(n_states);
+    states = take(task.n_states());
     inputs = take(task.n_inputs());
-    means = take(n_states);
-    variances = take(n_states);
-    normals = take(n_states);
+    means = take(n_outputs);
+    variances = take(n_outputs);
+    normals = take(n_outputs);
     rewards = take(1);
     sums = take(1);
     alive = take(1);
@@ -106,25 +107,32 @@ Evaluator::Evaluator(const Task& task, const Policy& policy, std::span<const Que
 }
 
 void Evaluator::SetFactors(std::span<const QueryFactor> factors) {
-  Require(static_cast<int>(factors.size()) == task_.n_states(), [&] {
-    return std::to_string(factors.size()) + " GP outputs, the task has " +
-           std::to_string(task_.n_states()) + " states: must be equal";
+  const int n_states = task_.n_states(), n_factors = static_cast<int>(factors.size());
+  Require(n_factors == n_states || n_factors == n_states + 1, [&] {
+    return std::to_string(n_factors) + " GP outputs, the task has " + std::to_string(n_states) +
+           " states: must be equal, or one more for the reward";
   });
-  for (const QueryFactor& factor : factors) {
-    const int dim = std::visit([](const auto& f) { return f.dim; }, factor);
-    Require(dim == task_.n_inputs(), [&] {
-      return "a GP has " + std::to_string(dim) +
-             " inputs: must be features + actions = " + std::to_string(task_.n_inputs());
+  for (int e = 0; e < n_factors; ++e) {
+    const int dim = std::visit([](const auto& f) { return f.dim; }, factors[e]);
+    const int wanted = e < n_states ? task_.n_inputs() : task_.n_features();
+    Require(dim == wanted, [&] {
+      return "GP output " + std::to_string(e) + " has " + std::to_string(dim) +
+             " inputs: must be " + (e < n_states ? "features + actions" : "features") + " = " +
+             std::to_string(wanted);
     });
   }
+  Require(n_factors > n_states || task_.reward != nullptr,
+          [] { return std::string("the task has no reward: must be known, or learnt"); });
   factors_ = factors;
+  const bool in_unit_interval = !learnt_reward() && task_.reward->InUnitInterval();
+  penalty_ = (in_unit_interval ? -1 : -(Reward::kLimit + 1)) * task_.horizon;
   block_tiles_ = std::any_of(factors.begin(), factors.end(),
                              [](const QueryFactor& factor) {
                                return std::holds_alternative<BlasFactor>(factor);
                              })
                      ? kBlasTiles
                      : 1;
-  tile_size_ = TileScratch::Size(task_, policy_);
+  tile_size_ = TileScratch::Size(task_, policy_, n_outputs());
   scratch_size_ = block_tiles_ * tile_size_ + LargestGpScratch(factors, block_tiles_);
   scratch_.resize(scratch_size_ * options_.threads);
 }
@@ -138,8 +146,7 @@ void Evaluator::Evaluate(std::span<const double> parameters, std::span<const Str
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   statistics_.seconds += elapsed.count();
   statistics_.idle_seconds += options_.threads * elapsed.count() - (busy_seconds_ - busy);
-  const double penalty = -task_.horizon;
-  statistics_.diverged += std::count(returns.begin(), returns.end(), penalty);
+  statistics_.diverged += std::count(returns.begin(), returns.end(), penalty_);
   statistics_.rollouts += std::ssize(returns);
 }
 
@@ -197,6 +204,10 @@ void Evaluator::Run(const Batch& batch, std::span<const CandidateGroup> groups) 
     RunLeg(batch, {0, task_.horizon, all_});
     return;
   }
+  Require(penalty_ == -task_.horizon, [] {
+    return std::string("candidate groups: rewards must be in [0, 1], and those of this task, or ") +
+           "learnt ones, may not be";
+  });
   carried_.resize(std::max(carried_.size(), batch.returns.size() * task_.n_states()));
   lost_causes_.Start(groups, batch.n_rollouts, task_.horizon);
   for (;;) {
@@ -217,7 +228,7 @@ void Evaluator::RunLeg(const Batch& batch, const RolloutLeg& leg) {
   const int n_lanes = static_cast<int>(lanes_.size());
   const std::int64_t n_steps = leg.end - leg.begin;
   statistics_.steps += n_steps * n_lanes;
-  statistics_.gp_queries += n_steps * n_lanes * task_.n_states();
+  statistics_.gp_queries += n_steps * n_lanes * n_outputs();
   const auto run_block = [&](int first, int n) {
     RunBlock(batch, leg, first, n, scratch_.data() + scratch_size_ * omp_get_thread_num());
   };
@@ -256,8 +267,8 @@ void Evaluator::PackTile(const Batch& batch, int first, int n, TileScratch* scra
   }
   policy_.PrepareTile(s.parameters, s.prepared);
   // Lanes beyond n need not be queried: their means stay at what they are here.
-  std::fill_n(s.means, kTileLanes * task_.n_states(), 0.0);
-  std::fill_n(s.variances, kTileLanes * task_.n_states(), 0.0);
+  std::fill_n(s.means, kTileLanes * n_outputs(), 0.0);
+  std::fill_n(s.variances, kTileLanes * n_outputs(), 0.0);
 }
 
 void Evaluator::StartTile(TileScratch* scratch) const {
@@ -282,7 +293,7 @@ void Evaluator::LoadTile(const Batch& batch, int first, int n, TileScratch* scra
       s.states[e * kTileLanes + lane] = carried_[static_cast<std::size_t>(index) * n_states + e];
     }
     s.sums[lane] = batch.returns[index];
-    s.alive[lane] = batch.returns[index] == -task_.horizon ? 0 : 1;
+    s.alive[lane] = batch.returns[index] == penalty_ ? 0 : 1;
   }
 }
 
@@ -306,44 +317,56 @@ void Evaluator::ActTile(std::uint32_t step, int first, int n, const TileScratch&
   }
 }
 
-void Evaluator::QueryBlock(int n, std::span<const TileScratch> tiles, double* gp_scratch) const {
-  for (int e = 0; e < task_.n_states(); ++e) {
-    const int at = e * kTileLanes;
-    if (const auto* blas = std::get_if<BlasFactor>(&factors_[e])) {
-      const TileScratch& s = tiles.front();
-      BlasQuery(*blas, static_cast<int>(tiles.size()), tile_size_, s.inputs, gp_scratch,
-                s.means + at, options_.use_variance ? s.variances + at : nullptr);
-      continue;
-    }
-    int before = 0;
-    for (const TileScratch& s : tiles) {
-      std::visit(
-          [&](const auto& factor) {
-            GpQueryTile(factor, TileLanes(n, before), s.inputs, gp_scratch, s.means + at,
-                        options_.use_variance ? s.variances + at : nullptr);
-          },
-          factors_[e]);
-      before += kTileLanes;
-    }
+void Evaluator::QueryBlock(int output, int n, std::span<const TileScratch> tiles,
+                           double* gp_scratch) const {
+  const int at = output * kTileLanes;
+  if (const auto* blas = std::get_if<BlasFactor>(&factors_[output])) {
+    const TileScratch& s = tiles.front();
+    BlasQuery(*blas, static_cast<int>(tiles.size()), tile_size_, s.inputs, gp_scratch, s.means + at,
+              options_.use_variance ? s.variances + at : nullptr);
+    return;
+  }
+  int before = 0;
+  for (const TileScratch& s : tiles) {
+    std::visit(
+        [&](const auto& factor) {
+          GpQueryTile(factor, TileLanes(n, before), s.inputs, gp_scratch, s.means + at,
+                      options_.use_variance ? s.variances + at : nullptr);
+        },
+        factors_[output]);
+    before += kTileLanes;
   }
 }
 
-// From the queries' answers to the next features and reward.
+void Evaluator::SampleTile(int output, double limit, const TileScratch& s, double* values) const {
+  const int at = output * kTileLanes;
+  const double noise = std::visit([](const auto& f) { return f.noise_variance; }, factors_[output]);
+  TransitionTile(s.means + at, options_.use_variance ? s.variances + at : nullptr,
+                 options_.predict_noise ? noise : 0.0, s.normals + at, options_.sample_clamp, limit,
+                 values, s.alive);
+}
+
 void Evaluator::AdvanceTile(std::uint32_t step, const TileScratch& s) const {
-  const int n_states = task_.n_states();
-  if (options_.use_variance) NormalTile(s.keys0, s.keys1, s.rollouts, step, n_states, s.normals);
-  for (int e = 0; e < n_states; ++e) {
-    const int at = e * kTileLanes;
-    const double noise = std::visit([](const auto& f) { return f.noise_variance; }, factors_[e]);
-    TransitionTile(s.means + at, options_.use_variance ? s.variances + at : nullptr,
-                   options_.predict_noise ? noise : 0.0, s.normals + at, options_.sample_clamp,
-                   kStateLimit, s.states + at, s.alive);
+  if (options_.use_variance) NormalTile(s.keys0, s.keys1, s.rollouts, step, n_outputs(), s.normals);
+  for (int e = 0; e < task_.n_states(); ++e) {
+    SampleTile(e, kStateLimit, s, s.states + e * kTileLanes);
   }
   FeatureTile(task_.features.data(), task_.n_features(), s.states, s.inputs);
-  const SaturatingReward& reward = task_.reward;
-  SaturatingRewardTile(reward.n_rows, task_.n_features(), reward.a.data(), reward.b.data(),
-                       reward.width, s.inputs, s.rewards);
-  for (int lane = 0; lane < kTileLanes; ++lane) s.sums[lane] += s.rewards[lane];
+}
+
+void Evaluator::RewardTile(std::uint32_t step, const TileScratch& s) const {
+  if (learnt_reward()) {
+    std::fill_n(s.rewards, kTileLanes, 0.0);
+    SampleTile(task_.n_states(), Reward::kLimit, s, s.rewards);
+  } else {
+    task_.reward->EvaluateTile(static_cast<int>(step), s.states, s.inputs,
+                               s.inputs + task_.n_features() * kTileLanes, s.rewards);
+  }
+  for (int lane = 0; lane < kTileLanes; ++lane) {
+    const bool is_reward = std::abs(s.rewards[lane]) <= Reward::kLimit;  // false for NaN
+    s.sums[lane] += is_reward ? s.rewards[lane] : 0;
+    s.alive[lane] = is_reward ? s.alive[lane] : 0;
+  }
 }
 
 void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, int n,
@@ -355,7 +378,7 @@ void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, i
   for (int t = 0; t < n_tiles; ++t) {
     TileScratch* const tile = &tiles[t];
     const int before = t * kTileLanes;
-    tile->Carve(task_, policy_, scratch + t * tile_size_);
+    tile->Carve(task_, policy_, n_outputs(), scratch + t * tile_size_);
     PackTile(batch, first + before, TileLanes(n, before), tile);
     if (leg.begin == 0) {
       StartTile(tile);
@@ -369,13 +392,15 @@ void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, i
       const int before = t * kTileLanes;
       ActTile(step, first + before, TileLanes(n, before), tiles[t], batch.visited);
     }
-    QueryBlock(n, tiles, gp_scratch);
+    for (int e = 0; e < task_.n_states(); ++e) QueryBlock(e, n, tiles, gp_scratch);
     for (const TileScratch& tile : tiles) AdvanceTile(step, tile);
+    if (learnt_reward()) QueryBlock(task_.n_states(), n, tiles, gp_scratch);
+    for (const TileScratch& tile : tiles) RewardTile(step, tile);
   }
   for (int lane = 0; lane < n; ++lane) {
     const TileScratch& s = tiles[lane / kTileLanes];
     const int at = lane % kTileLanes;
-    batch.returns[lanes_[first + lane].index] = s.alive[at] != 0 ? s.sums[at] : -task_.horizon;
+    batch.returns[lanes_[first + lane].index] = s.alive[at] != 0 ? s.sums[at] : penalty_;
   }
   if (leg.end == task_.horizon) return;
   for (int t = 0; t < n_tiles; ++t) {
@@ -389,17 +414,6 @@ void ComputeFeatures(const Task& task, std::span<const double> state, std::span<
   AlignedVector<double> tile(features.size() * kTileLanes);
   FeatureTile(task.features.data(), task.n_features(), states.data(), tile.data());
   FromOneLane(tile, features);
-}
-
-double ComputeReward(const Task& task, std::span<const double> state) {
-  std::vector<double> features(task.n_features());
-  ComputeFeatures(task, state, features);
-  const AlignedVector<double> tile = ToOneLane(features);
-  AlignedVector<double> rewards(kTileLanes);
-  const SaturatingReward& reward = task.reward;
-  SaturatingRewardTile(reward.n_rows, task.n_features(), reward.a.data(), reward.b.data(),
-                       reward.width, tile.data(), rewards.data());
-  return rewards[0];
 }
 
 }  // namespace downpour

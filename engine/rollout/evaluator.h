@@ -27,7 +27,7 @@ struct EvaluatorOptions {
 struct EvaluatorStatistics {
   std::int64_t rollouts = 0;
   std::int64_t steps = 0;       // rollouts x horizon, less those of lost causes
-  std::int64_t gp_queries = 0;  // steps x E
+  std::int64_t gp_queries = 0;  // steps x E, x (E + 1) if the reward is learnt
   std::int64_t lane_steps = 0;  // computed, idle lanes in vectors included
   std::int64_t diverged = 0;    // rollouts that got the penalty
   // Wall time of the calls, and what of threads x seconds a thread spent without a tile; no result
@@ -46,14 +46,20 @@ struct EvaluatorStatistics {
 // whole tiles. Results are the same bits for any thread count and, without OpenBLAS, any packing of
 // candidates.
 //
-// A rollout whose state is not finite, or beyond kStateLimit (the vector sine's range), has
-// diverged: it stops and its return is -horizon, below any return of rewards in [0, 1].
+// Rewards are the task's, or learnt: a GP on the features of the new state, sampled as the states
+// are (variable E of the step's stream).
+//
+// A rollout whose state is not finite, or beyond kStateLimit (the vector sine's range), or whose
+// reward is not finite, or beyond Reward::kLimit, has diverged: it stops and its return is the
+// penalty, below any return without: -horizon if rewards are in [0, 1], else
+// -(Reward::kLimit + 1) horizon. A learnt reward may leave [0, 1].
 class Evaluator {
  public:
   static constexpr double kStateLimit = 30000;
 
-  // factors: one an output, D = F + A. Task, policy and factors must outlive the evaluator. Throws
-  // InvalidInput if sizes disagree.
+  // factors: one a state variable, D = F + A, and after these, if the reward is learnt, its own,
+  // D = F. Task, policy and factors must outlive the evaluator. Throws InvalidInput if sizes
+  // disagree.
   Evaluator(const Task& task, const Policy& policy, std::span<const QueryFactor> factors,
             const EvaluatorOptions& options);
 
@@ -67,10 +73,11 @@ class Evaluator {
   //
   // groups: if not empty, they cover the candidates in order (n_rollouts >= 1, n_exact >= 1), and
   // rollouts stop once their candidate cannot be among the n_exact best of its group any more
-  // (lost_causes.h). Those that are, and their order, are as without groups, and so are the bits of
-  // all returns of candidates that run to the end (with OpenBLAS up to rounding). The return of a
-  // rollout that was stopped is its sum so far, and at most what it would have been unless it would
-  // have diverged; its candidate's mean is below that of the n_exact best.
+  // (lost_causes.h); rewards must be in [0, 1]. Those that are, and their order, are as without
+  // groups, and so are the bits of all returns of candidates that run to the end (with OpenBLAS up
+  // to rounding). The return of a rollout that was stopped is its sum so far, and at most what it
+  // would have been unless it would have diverged; its candidate's mean is below that of the
+  // n_exact best.
   void Evaluate(std::span<const double> parameters, std::span<const StreamKey> keys,
                 std::span<const int> n_rollouts, std::span<const int> first_rollout,
                 std::span<double> returns, std::span<const CandidateGroup> groups = {});
@@ -114,14 +121,22 @@ class Evaluator {
   // Actions of the tile's first n lanes, which are lanes [first, first + n) of the leg.
   void ActTile(std::uint32_t step, int first, int n, const TileScratch& scratch,
                double* visited) const;
-  // Means and variances of all outputs for the block's n lanes.
-  void QueryBlock(int n, std::span<const TileScratch> tiles, double* gp_scratch) const;
+  // Means and variances of an output for the block's n lanes.
+  void QueryBlock(int output, int n, std::span<const TileScratch> tiles, double* gp_scratch) const;
+  // Adds samples of an output to `values` (a row); lanes beyond +-limit die.
+  void SampleTile(int output, double limit, const TileScratch& scratch, double* values) const;
+  // From the queries' answers to the next states and features.
   void AdvanceTile(std::uint32_t step, const TileScratch& scratch) const;
+  // Adds the rewards of the new states to the sums.
+  void RewardTile(std::uint32_t step, const TileScratch& scratch) const;
+  int n_outputs() const { return static_cast<int>(factors_.size()); }
+  bool learnt_reward() const { return n_outputs() > task_.n_states(); }
 
   const Task& task_;
   const Policy& policy_;
   std::span<const QueryFactor> factors_;
   EvaluatorOptions options_;
+  double penalty_ = 0;  // return of a rollout that has diverged
   int block_tiles_ = 1;
   std::size_t tile_size_ = 0;     // doubles of scratch a tile
   std::size_t scratch_size_ = 0;  // doubles a thread: the block's tiles and a query's
@@ -137,7 +152,5 @@ class Evaluator {
 
 // Features (F) of one state (E): the same numbers as in the tile.
 void ComputeFeatures(const Task& task, std::span<const double> state, std::span<double> features);
-// Reward of one state (E).
-double ComputeReward(const Task& task, std::span<const double> state);
 
 }  // namespace downpour

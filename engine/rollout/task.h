@@ -22,14 +22,7 @@ struct Variable {
   std::string unit;  // e.g. "rad"
 };
 
-// Saturating reward (paper Eq. 9) of the features f (F): exp(-|A f - b|^2 / (2 width^2)), in
-// [0, 1]. `a` is n_rows x F row-major. A weight matrix Q = A^T A and target A f* = b.
-struct SaturatingReward {
-  int n_rows = 0;
-  std::vector<double> a;
-  std::vector<double> b;
-  double width = 1;
-};
+class Reward;  // engine/rollout/reward.h
 
 // The real system, simulated or not. One object serves one thread.
 class System {
@@ -83,7 +76,8 @@ struct Task {
   double search_restart_decades = 1;
   double control_period = 0.1;  // s
   int horizon = 40;             // steps an episode
-  SaturatingReward reward;
+  std::shared_ptr<const Reward> reward;
+  bool learn_reward = false;  // by default: the reward is unknown to the learner
   // True if `states` (rows of E noise-free states at t = 0, 1, ..., horizon) solve the task.
   std::function<bool(std::span<const double> states)> solved;
   std::string solved_description;

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <cmath>
+#include <memory>
 #include <span>
 #include <string>
 
+#include "engine/rollout/reward.h"
 #include "engine/rollout/task.h"
 #include "tasks/model_digest.h"
 #include "tasks/mujoco_system.h"
@@ -19,22 +21,20 @@ constexpr double kPoleLength = 0.5;  // m, as in cartpole.xml
 enum State { kCartVelocity, kCartPosition, kPoleVelocity, kPoleAngle, kStates };
 
 // Paper: d^2 = x^2 + (cos + 1)^2 + sin^2, a pole of unit length whose x and sin are not coupled.
-SaturatingReward PaperReward() {
-  return {.n_rows = 3,
-          .a = {0, 1, 0, 0, 0,   //
-                0, 0, 0, 1, 0,   //
-                0, 0, 0, 0, 1},  //
-          .b = {0, -1, 0},
-          .width = 0.25};
+std::shared_ptr<const Reward> PaperReward(const Task& task) {
+  return MakeSaturatingReward(task.feature_names,
+                              {0, 1, 0, 0, 0,   //
+                               0, 0, 0, 1, 0,   //
+                               0, 0, 0, 0, 1},  //
+                              {0, -1, 0}, 0.25);
 }
 
 // Authors' code: d^2 = (x + l sin)^2 + (l cos + l)^2, the tip's squared distance from (0, l).
-SaturatingReward TipReward() {
-  return {.n_rows = 2,
-          .a = {0, 1, 0, 0, kPoleLength,   //
-                0, 0, 0, kPoleLength, 0},  //
-          .b = {0, -kPoleLength},
-          .width = 0.25};
+std::shared_ptr<const Reward> TipReward(const Task& task) {
+  return MakeSaturatingReward(task.feature_names,
+                              {0, 1, 0, 0, kPoleLength,   //
+                               0, 0, 0, kPoleLength, 0},  //
+                              {0, -kPoleLength}, 0.25);
 }
 
 MujocoSystemSpec SystemSpec(const std::string& mjcf_file, const Task& task) {
@@ -87,7 +87,7 @@ Task Make(const std::string& preset, const std::string& mjcf_file) {
   task.search_restart_decades = 1;
   task.control_period = 0.1;
   task.horizon = 40;
-  task.reward = paper ? PaperReward() : TipReward();
+  task.reward = paper ? PaperReward(task) : TipReward(task);
   task.solved = [period = task.control_period](std::span<const double> states) {
     return HoldsThroughLastSecond(states, kStates, period, [](std::span<const double> state) {
       return IsUpright(state[kPoleAngle]) && std::abs(state[kCartPosition]) < 0.1;

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
+#include <memory>
 #include <span>
 #include <string>
 
+#include "engine/rollout/reward.h"
 #include "engine/rollout/task.h"
 #include "tasks/model_digest.h"
 #include "tasks/mujoco_system.h"
@@ -16,8 +18,8 @@ namespace {
 enum State { kAngularVelocity, kAngle, kStates };
 
 // d^2 = (cos + 1)^2 + sin^2, the squared distance of the unit pole's tip from upright.
-SaturatingReward TipReward(double width) {
-  return {.n_rows = 2, .a = {0, 1, 0, 0, 0, 1}, .b = {-1, 0}, .width = width};
+std::shared_ptr<const Reward> TipReward(const Task& task, double width) {
+  return MakeSaturatingReward(task.feature_names, {0, 1, 0, 0, 0, 1}, {-1, 0}, width);
 }
 
 MujocoSystemSpec SystemSpec(const std::string& mjcf_file, const Task& task) {
@@ -56,7 +58,7 @@ Task Make(const std::string& preset, const std::string& mjcf_file) {
   task.search_restart_decades = 1.3;
   task.control_period = 0.1;
   task.horizon = 40;
-  task.reward = TipReward(preset == "paper" ? 0.25 : 0.5);
+  task.reward = TipReward(task, preset == "paper" ? 0.25 : 0.5);
   task.solved = [period = task.control_period](std::span<const double> states) {
     return HoldsThroughLastSecond(states, kStates, period, [](std::span<const double> state) {
       return IsUpright(state[kAngle]);

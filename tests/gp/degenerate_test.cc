@@ -125,8 +125,8 @@ TEST_CASE("degenerate models: a constant zero is learnt with sigma_n at its lowe
   const Eigen::MatrixXd x = RandomMatrix(30, 2, 37);
   const Dataset data{x, Eigen::MatrixXd::Zero(30, 1)};
   const Hyperparameters hyper = FitHyperparameters(data, {}, {}, 0, 1, 1).front().hyperparameters;
-  // rms y counts as 1e-6 at least.
-  CHECK(std::abs(hyper.noise_std / (kLeastNoise * 1e-6) - 1) <= 0.01);
+  // rms y counts as 1e-12 at least.
+  CHECK(std::abs(hyper.noise_std / (kLeastNoise * 1e-12) - 1) <= 0.01);
 }
 
 }  // namespace

@@ -93,8 +93,8 @@ TEST_CASE("checkpoint: no flipped byte goes unnoticed") {
 
 TEST_CASE("checkpoint: a later version is refused by its number") {
   std::string text = Text();
-  text.replace(text.find("\"version\":6"), 11, "\"version\":7");
-  CHECK(ParseError(text) == "run/checkpoint.json: version 7, this program reads 6");
+  text.replace(text.find("\"version\":7"), 11, "\"version\":8");
+  CHECK(ParseError(text) == "run/checkpoint.json: version 8, this program reads 7");
 }
 
 TEST_CASE("checkpoint: another file is refused") {
@@ -180,8 +180,12 @@ TEST_CASE("checkpoint: settings that results depend on must be the run's own") {
                  "model.backend = \"fused\", the configuration says \"blas\""));
   CHECK(Contains(error([](Task& t, LearnerOptions&) { t.preset = "original-code"; }),
                  "preset = \"paper\""));
-  CHECK(Contains(error([](Task& t, LearnerOptions&) { t.reward.width = 0.25; }),
-                 "task.reward.width = 0.5"));
+  CHECK(Contains(error([](Task& t, LearnerOptions&) {
+                   t.reward = MakeSaturatingReward(t.feature_names, {0, 1}, {1}, 0.25);
+                 }),
+                 "task.reward = \"exp(-d^2 / (2 x 0.5^2)), d^2 = (position"));
+  CHECK(Contains(error([](Task&, LearnerOptions& o) { o.learn_reward = true; }),
+                 "learn.learn_reward = false, the configuration says true"));
   CHECK(error([](Task& t, LearnerOptions&) { t.model_digest = "other"; }) ==
         "c.json: the run was made with task.model_digest = \"one\", the configuration says "
         "\"other\": must be equal to resume");

@@ -18,6 +18,7 @@
 
 #include "engine/errors.h"
 #include "engine/learner/learner.h"
+#include "engine/rollout/reward.h"
 
 namespace downpour {
 
@@ -64,7 +65,7 @@ inline Task PointMassTask() {
   task.observation_std = {0.01, 0.02};
   task.policy_input_scale = {1, 1};
   task.horizon = 5;
-  task.reward = {.n_rows = 1, .a = {0, 1}, .b = {1}, .width = 0.5};
+  task.reward = MakeSaturatingReward(task.feature_names, {0, 1}, {1}, 0.5);
   task.solved = [](std::span<const double> states) { return states[states.size() - 1] > 0.9; };
   task.model_digest = "one";
   task.make_system = [] { return std::make_unique<PointMass>(); };

@@ -84,8 +84,8 @@ double ReferenceReturn(const Fixture& f, const double* theta, StreamKey key, std
     for (int k = 0; k < 3; ++k) {
       x[k] = FeatureReference(task.features[k].kind, state[task.features[k].state_index]);
     }
-    sum += SaturatingRewardReference(2, 3, task.reward.a.data(), task.reward.b.data(),
-                                     task.reward.width, x);
+    constexpr double kA[] = {0, 1, 0, 0, 0, 1}, kB[] = {-1, 0};  // as SwingTask has them
+    sum += SaturatingRewardReference(2, 3, kA, kB, 0.8, x);
   }
   return static_cast<double>(sum);
 }
@@ -254,7 +254,8 @@ TEST_CASE("evaluator: one state's features and reward are those of a tile") {
   CHECK(std::abs(features[1] - std::cos(2.0)) <= 4 * eps);
   CHECK(std::abs(features[2] - std::sin(2.0)) <= 4 * eps);
   const double d2 = std::pow(std::cos(2.0) + 1, 2) + std::pow(std::sin(2.0), 2);
-  CHECK(std::abs(ComputeReward(task, state) - std::exp(-d2 / (2 * 0.64))) <= 20 * eps);
+  CHECK(std::abs(ComputeReward(task, 0, state, std::array<double, 1>{0}) -
+                 std::exp(-d2 / (2 * 0.64))) <= 20 * eps);
 }
 
 }  // namespace

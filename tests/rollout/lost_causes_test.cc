@@ -163,8 +163,7 @@ constexpr int kHorizon = 30;
 // A mass that is to stay where it hangs: who does not is soon lost.
 Fixture Hanging(QueryBackend backend = QueryBackend::kFused) {
   Fixture f(kHorizon, 30, backend);
-  f.task.reward.b = {1, 0};
-  f.task.reward.width = 0.2;
+  f.task.reward = MakeSaturatingReward(f.task.feature_names, {0, 1, 0, 0, 0, 1}, {1, 0}, 0.2);
   return f;
 }
 

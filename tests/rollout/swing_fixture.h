@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "engine/rollout/evaluator.h"
+#include "engine/rollout/reward.h"
 #include "kernels/philox/philox.h"
 
 namespace downpour {
@@ -25,7 +26,7 @@ inline Task SwingTask(int horizon) {
   task.start_std = {0.05, 0};
   task.policy_input_scale = {10, 1, 1};
   task.horizon = horizon;
-  task.reward = {2, {0, 1, 0, 0, 0, 1}, {-1, 0}, 0.8};
+  task.reward = MakeSaturatingReward(task.feature_names, {0, 1, 0, 0, 0, 1}, {-1, 0}, 0.8);
   return task;
 }
 

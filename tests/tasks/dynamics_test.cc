@@ -104,8 +104,8 @@ TEST_CASE("cartpole: one MuJoCo step is the ODE to 1e-6 for 1,000 random states 
   for (const double difference : largest) CHECK(difference <= 1e-6);
 }
 
-TEST_CASE("tasks: hanging at rest stays exactly at rest, upright at rest stays to rounding") {
-  for (const std::string& name : TaskNames()) {
+TEST_CASE("swing-ups: hanging at rest stays exactly at rest, upright at rest stays to rounding") {
+  for (const std::string name : {"pendulum", "cartpole"}) {
     CAPTURE(name);
     const Task task = MakeTask(name);
     const std::unique_ptr<System> system = task.make_system();

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "engine/errors.h"
+#include "engine/rollout/reward.h"
 #include "kernels/philox/philox.h"
 #include "tasks/registry.h"
 
@@ -18,27 +19,8 @@ namespace {
 constexpr double kPi = std::numbers::pi;
 constexpr double kDegree = kPi / 180;
 
-std::vector<double> Features(const Task& task, const std::vector<double>& state) {
-  std::vector<double> features;
-  for (const Feature& feature : task.features) {
-    const double value = state[feature.state_index];
-    features.push_back(feature.kind == FeatureKind::kIdentity ? value
-                       : feature.kind == FeatureKind::kCosine ? std::cos(value)
-                                                              : std::sin(value));
-  }
-  return features;
-}
-
 double RewardOf(const Task& task, const std::vector<double>& state) {
-  const std::vector<double> f = Features(task, state);
-  const SaturatingReward& reward = task.reward;
-  double squared = 0;
-  for (int row = 0; row < reward.n_rows; ++row) {
-    double residual = -reward.b[row];
-    for (std::size_t i = 0; i < f.size(); ++i) residual += reward.a[row * f.size() + i] * f[i];
-    squared += residual * residual;
-  }
-  return std::exp(-squared / (2 * reward.width * reward.width));
+  return ComputeReward(task, 0, state, std::vector<double>(task.actions.size(), 0.0));
 }
 
 // Largest difference between the task's reward and exp(-d^2 / (2 width^2)) on random states.
@@ -84,8 +66,9 @@ TEST_CASE("cartpole: both rewards are the closed form") {
   CHECK(RewardError(MakeTask("cartpole", "original-code"), 0.25, tip) <= kRewardTolerance);
 }
 
-TEST_CASE("tasks: the reward is 1 at the target and below 0.01 at the start, for both presets") {
-  for (const std::string& name : TaskNames()) {
+TEST_CASE(
+    "swing-ups: the reward is 1 at the target and below 0.01 at the start, for both presets") {
+  for (const std::string name : {"pendulum", "cartpole"}) {
     for (const std::string preset : {"paper", "original-code"}) {
       CAPTURE(name);
       CAPTURE(preset);
@@ -112,8 +95,7 @@ TEST_CASE("tasks: every list has the length that the task's sizes say") {
       CHECK(task.start_mean.size() == n_states);
       CHECK(task.start_std.size() == n_states);
       CHECK(task.observation_std.size() == n_states);
-      CHECK(task.reward.a.size() == task.reward.n_rows * n_features);
-      CHECK(task.reward.b.size() == static_cast<std::size_t>(task.reward.n_rows));
+      CHECK(task.reward->InUnitInterval());
       for (const Feature& feature : task.features) {
         CHECK(feature.state_index >= 0);
         CHECK(feature.state_index < task.n_states());
@@ -157,7 +139,7 @@ std::vector<double> Constant(const std::vector<double>& state) {
 }
 
 TEST_CASE("solved: only the states of steps 30 to 40 count, and each of them does") {
-  for (const std::string& name : TaskNames()) {
+  for (const std::string name : {"pendulum", "cartpole"}) {
     CAPTURE(name);
     const Task task = MakeTask(name);
     std::vector<double> hanging(task.n_states(), 0.0), upright(task.n_states(), 0.0);
@@ -171,7 +153,7 @@ TEST_CASE("solved: only the states of steps 30 to 40 count, and each of them doe
 }
 
 TEST_CASE("solved: the pole may be 10 degrees off upright modulo 2 pi, at any speed") {
-  for (const std::string& name : TaskNames()) {
+  for (const std::string name : {"pendulum", "cartpole"}) {
     CAPTURE(name);
     const Task task = MakeTask(name);
     for (const double turns : {-3.0, -1.0, 0.0, 1.0, 2.0}) {

@@ -41,8 +41,8 @@ def copy_of_run(name):
 def command_line():
     refuse("no command", [], "subcommand", "--help")
     refuse("unknown command", ["lern"], "lern", "did you mean learn?")
-    refuse("no task", ["learn"], "task", "pendulum, cartpole")
-    refuse("unknown task", ["learn", "pendulim"], "pendulim", "pendulum, cartpole",
+    refuse("no task", ["learn"], "task", "pendulum, cartpole, arm")
+    refuse("unknown task", ["learn", "pendulim"], "pendulim", "pendulum, cartpole, arm",
            "did you mean pendulum?")
     refuse("a misspelt preset", ["learn", "pendulum", "--preset", "papr"], "did you mean paper?")
     for option in ("--config", "--out", "--resume", "--mjcf"):
@@ -169,7 +169,7 @@ def checkpoints():
             ("truncated", original[:middle], f"truncated at byte {middle} of {middle}:"),
             ("empty", "", "JSON"),
             ("corrupted", flipped, "checksum"),
-            ("future", original.replace('"version":6', '"version":99'), "99")]:
+            ("future", original.replace('"version":7', '"version":99'), "99")]:
         damaged = copy_of_run(name)
         (damaged / "checkpoint.json").write_text(text)
         refuse(f"checkpoint: {name}", ["learn", "--resume", damaged, "--episodes", "5"],

@@ -288,6 +288,7 @@ ResolvedRun ResolveConfig(const std::vector<Setting>& settings) {
   search.first_sigma = run.task.search_first_sigma;
   search.restart_sigma = run.task.search_restart_sigma;
   search.restart_decades = run.task.search_restart_decades;
+  run.config.learner.learn_reward = run.task.learn_reward;
   ApplySettings(ConfigFields(run.config), settings);
   run.config.mjcf = named.mjcf;
   int& points = run.config.learner.policy.points;

@@ -49,6 +49,13 @@ std::vector<Field> RunFields(RunConfig& config) {
        .option = "--until-solved",
        .target = &learner.until_solved,
        .description = "Stop as soon as an episode solves the task."},
+      {.key = "learn.learn_reward",
+       .option = "--learn-reward",
+       .target = &learner.learn_reward,
+       .description = "The reward is unknown to the learner: a Gaussian process learns it from "
+                      "observed rewards.",
+       .option_help = "The reward is unknown to the learner (the arm's default): a Gaussian "
+                      "process learns it from observed rewards."},
       {.key = "learn.seed",
        .option = "--seed",
        .target = &learner.seed,

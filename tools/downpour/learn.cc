@@ -192,7 +192,7 @@ void RunToTheEnd(OpenRun* run) {
   while (!learner.done()) {
     const EpisodeRecord& record = RunEpisode(callbacks, &learner);
     run->directory.Write(learner);
-    progress.Episode(learner.task(), record);
+    progress.Episode(learner, record);
     if (!Aborted(record)) continue;
     if (StopRequested()) throw Interrupted();
     throw SystemFailure(fmt::format("episode {} {}", record.episode, record.outcome));

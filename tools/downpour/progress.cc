@@ -106,16 +106,16 @@ std::string TableRow(const EpisodeRecord& record) {
 }
 
 // One line that names the outputs whose K took jitter; "" if there are none.
-std::string JitterText(const Task& task, const EpisodeRecord& record) {
-  std::string outputs;
+std::string JitterText(const std::vector<Variable>& outputs, const EpisodeRecord& record) {
+  std::string listed;
   for (std::size_t e = 0; e < record.jitter.size(); ++e) {
     if (record.jitter[e] == 0) continue;
-    outputs += fmt::format("{}{} ({:.1g})", outputs.empty() ? "" : ", ", task.states[e].name,
-                           record.jitter[e]);
+    listed +=
+        fmt::format("{}{} ({:.1g})", listed.empty() ? "" : ", ", outputs[e].name, record.jitter[e]);
   }
-  if (outputs.empty()) return "";
+  if (listed.empty()) return "";
   return fmt::format("episode {}: the model needed jitter, as a share of the signal variance: {}",
-                     record.episode, outputs);
+                     record.episode, listed);
 }
 
 // One line that tells with how many points the rollouts queried each output; "" for a random
@@ -291,10 +291,11 @@ void Progress::Search(const PolicySearchProgress& progress, const EvaluatorStati
   Live(FittedLine(start, share, left, figures, LiveWidth()));
 }
 
-void Progress::Episode(const Task& task, const EpisodeRecord& record) {
+void Progress::Episode(const Learner& learner, const EpisodeRecord& record) {
   ClearLive();
-  for (const std::string& text : {JitterText(task, record), PlanText(record), QueryTimeText(record),
-                                  OutcomeText(task, record)}) {
+  for (const std::string& text :
+       {JitterText(ModelOutputs(learner.task(), learner.options()), record), PlanText(record),
+        QueryTimeText(record), OutcomeText(learner.task(), record)}) {
     if (!text.empty()) Line(text);
   }
   if (quiet_ && !json_) return;

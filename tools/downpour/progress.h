@@ -24,7 +24,7 @@ class Progress {
   void Phase(const Learner& learner, const std::string& phase);
   void Search(const PolicySearchProgress& progress, const EvaluatorStatistics& batch, int threads);
   // Throws FileError if standard output cannot be written.
-  void Episode(const Task& task, const EpisodeRecord& record);
+  void Episode(const Learner& learner, const EpisodeRecord& record);
   void Finish(const Learner& learner, const std::string& directory);
 
  private:

@@ -16,7 +16,7 @@
 #include "engine/errors.h"
 #include "engine/learner/json_field.h"
 #include "engine/robot/robot_system.h"
-#include "engine/rollout/evaluator.h"
+#include "engine/rollout/reward.h"
 #include "kernels/philox/philox.h"
 #include "tasks/registry.h"
 #include "tools/downpour/commands.h"
@@ -66,14 +66,15 @@ class SimulatedRobot {
   OrderedJson Step(const JsonField& message) {
     if (!running_) throw InvalidInput("a step before a reset: must be behind one");
     const int step = message["step"].Int(0, 1000000000);
-    system_->Step(Numbers(message["action"], task_.actions.size()), state_);
+    const std::vector<double> action = Numbers(message["action"], task_.actions.size());
+    system_->Step(action, state_);
     for (const double value : state_) {
       if (!std::isfinite(value)) throw SystemFailure("the simulation became unstable");
     }
     return {{"type", "observation"},
             {"step", step},
             {"observation", Observation(static_cast<std::uint32_t>(step) + 1)},
-            {"reward", ComputeReward(task_, state_)}};
+            {"reward", ComputeReward(task_, step, state_, action)}};
   }
 
  private:

@@ -5,11 +5,11 @@
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
-#include <cmath>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "engine/rollout/reward.h"
 #include "tasks/registry.h"
 #include "tools/downpour/commands.h"
 
@@ -33,35 +33,6 @@ std::string Limits(const Task& task) {
   return fmt::format("{}", fmt::join(parts, ", "));
 }
 
-// Row `row` of A f - b, e.g. "cos_angle + 1".
-std::string Residual(const Task& task, int row) {
-  std::string text;
-  const auto append = [&](double factor, const std::string& name) {
-    if (factor == 0) return;
-    text += text.empty() ? (factor < 0 ? "-" : "") : (factor < 0 ? " - " : " + ");
-    const double size = std::abs(factor);
-    if (name.empty()) {
-      text += fmt::format("{:.6g}", size);
-    } else {
-      text += size == 1 ? name : fmt::format("{:.6g} {}", size, name);
-    }
-  };
-  for (int i = 0; i < task.n_features(); ++i) {
-    append(task.reward.a[row * task.n_features() + i], task.feature_names[i].name);
-  }
-  append(-task.reward.b[row], "");
-  return text;
-}
-
-std::string Reward(const Task& task) {
-  std::vector<std::string> squares;
-  for (int row = 0; row < task.reward.n_rows; ++row) {
-    squares.push_back(fmt::format("({})^2", Residual(task, row)));
-  }
-  return fmt::format("exp(-d^2 / (2 x {}^2)), d^2 = {}", task.reward.width,
-                     fmt::join(squares, " + "));
-}
-
 void Print(const Task& task) {
   fmt::print("{}: {}\n", task.name, task.description);
   const auto row = [](const char* name, const std::string& text) {
@@ -73,10 +44,15 @@ void Print(const Task& task) {
   row("start", fmt::format("mean ({}), std ({})", fmt::join(task.start_mean, ", "),
                            fmt::join(task.start_std, ", ")));
   row("noise", fmt::format("observation std ({})", fmt::join(task.observation_std, ", ")));
-  row("reward", Reward(task));
+  row("reward",
+      fmt::format(
+          "{}{}", task.reward->Describe(),
+          task.learn_reward ? "; unknown to the learner unless learn.learn_reward = false" : ""));
   row("solved", task.solved_description);
-  row("episode", fmt::format("{} steps of {} s, return at most {}", task.horizon,
-                             task.control_period, task.horizon));
+  row("episode",
+      fmt::format(
+          "{} steps of {} s{}", task.horizon, task.control_period,
+          task.reward->InUnitInterval() ? fmt::format(", return at most {}", task.horizon) : ""));
 }
 
 }  // namespace
