@@ -14,7 +14,6 @@
 
 #include "engine/errors.h"
 #include "engine/parallel_for.h"
-#include "engine/rollout/one_lane.h"
 #include "engine/rollout/reward.h"
 #include "engine/rollout/tiling.h"
 #include "kernels/features/features.h"
@@ -148,18 +147,6 @@ void Evaluator::Evaluate(std::span<const double> parameters, std::span<const Str
   statistics_.idle_seconds += options_.threads * elapsed.count() - (busy_seconds_ - busy);
   statistics_.diverged += std::count(returns.begin(), returns.end(), penalty_);
   statistics_.rollouts += std::ssize(returns);
-}
-
-EvaluatorStatistics EvaluatorStatistics::Since(const EvaluatorStatistics& earlier) const {
-  EvaluatorStatistics since = *this;
-  since.rollouts -= earlier.rollouts;
-  since.steps -= earlier.steps;
-  since.gp_queries -= earlier.gp_queries;
-  since.lane_steps -= earlier.lane_steps;
-  since.diverged -= earlier.diverged;
-  since.seconds -= earlier.seconds;
-  since.idle_seconds -= earlier.idle_seconds;
-  return since;
 }
 
 std::vector<double> Evaluator::VisitedInputs(std::span<const double> parameters,
@@ -407,13 +394,6 @@ void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, i
     const int before = t * kTileLanes;
     SaveTile(first + before, TileLanes(n, before), tiles[t]);
   }
-}
-
-void ComputeFeatures(const Task& task, std::span<const double> state, std::span<double> features) {
-  const AlignedVector<double> states = ToOneLane(state);
-  AlignedVector<double> tile(features.size() * kTileLanes);
-  FeatureTile(task.features.data(), task.n_features(), states.data(), tile.data());
-  FromOneLane(tile, features);
 }
 
 }  // namespace downpour

@@ -7,6 +7,7 @@
 
 #include "engine/candidate_group.h"
 #include "engine/gp/query_plan.h"
+#include "engine/rollout/evaluator_statistics.h"
 #include "engine/rollout/lost_causes.h"
 #include "engine/rollout/policy.h"
 #include "engine/rollout/task.h"
@@ -21,23 +22,6 @@ struct EvaluatorOptions {
   bool predict_noise = true;  // add the noise variance to the latent variance
   double sample_clamp = 0;    // > 0: samples stay within mean +- clamp std; 0: no clamp
   int threads = 1;            // OpenMP threads, >= 1
-};
-
-// Counts of all Evaluate calls so far.
-struct EvaluatorStatistics {
-  std::int64_t rollouts = 0;
-  std::int64_t steps = 0;       // rollouts x horizon, less those of lost causes
-  std::int64_t gp_queries = 0;  // steps x E, x (E + 1) if the reward is learnt
-  std::int64_t lane_steps = 0;  // computed, idle lanes in vectors included
-  std::int64_t diverged = 0;    // rollouts that got the penalty
-  // Wall time of the calls, and what of threads x seconds a thread spent without a tile; no result
-  // depends on them.
-  double seconds = 0, idle_seconds = 0;
-
-  // What has been added since `earlier`.
-  EvaluatorStatistics Since(const EvaluatorStatistics& earlier) const;
-  double LaneFill() const { return static_cast<double>(steps) / static_cast<double>(lane_steps); }
-  double IdleShare(int threads) const { return idle_seconds / (threads * seconds); }
 };
 
 // The batched evaluator (docs/method.md): rollouts are packed into tiles (tiling.h), one thread
@@ -149,8 +133,5 @@ class Evaluator {
   EvaluatorStatistics statistics_;
   double busy_seconds_ = 0;  // that threads have spent on tiles, all together
 };
-
-// Features (F) of one state (E): the same numbers as in the tile.
-void ComputeFeatures(const Task& task, std::span<const double> state, std::span<double> features);
 
 }  // namespace downpour

@@ -93,4 +93,7 @@ struct Task {
   int n_inputs() const { return n_features() + n_actions(); }  // of the model (paper: x tilde)
 };
 
+// Features (F) of one state (E): the same numbers as in a tile. Allocates.
+void ComputeFeatures(const Task& task, std::span<const double> state, std::span<double> features);
+
 }  // namespace downpour

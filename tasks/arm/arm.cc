@@ -21,36 +21,34 @@ const char* Mjcf();  // arm.xml
 namespace {
 
 constexpr int kJoints = 4;
-// Features: cosine and sine of each joint's angle in turn.
-constexpr int kCosine = 0, kSine = 1;
 
 // m, as in arm.xml: the first pitch joint above the ground, and the links from it on.
 constexpr double kShoulderHeight = 0.0545 + 0.123;
 constexpr std::array kLinks = {0.317, 0.202, 0.1605};
 
+struct Angle {
+  double cosine, sine;
+};
+using Angles = std::array<Angle, kJoints>;
 using Position = std::array<double, 3>;  // m
 
-// The end-effector by the angles' cosines and sines, [joint][kCosine, kSine]: pitch angles add up
-// along the arm in a vertical plane, which joint 0 turns.
-Position EndEffector(const double (&angles)[kJoints][2]) {
-  double reach = 0, height = kShoulderHeight, cosine = 1, sine = 0;  // of the pitch so far
+// The pitch angles add up along the arm in a vertical plane, which joint 0 turns.
+Position EndEffector(const Angles& angles) {
+  double reach = 0, height = kShoulderHeight;
+  Angle pitch = {1, 0};
   for (int link = 0; link < kJoints - 1; ++link) {
-    const double c = angles[link + 1][kCosine], s = angles[link + 1][kSine];
-    const double next = cosine * c - sine * s;
-    sine = sine * c + cosine * s;
-    cosine = next;
-    reach += kLinks[link] * sine;
-    height += kLinks[link] * cosine;
+    const Angle& joint = angles[link + 1];
+    pitch = {pitch.cosine * joint.cosine - pitch.sine * joint.sine,
+             pitch.sine * joint.cosine + pitch.cosine * joint.sine};
+    reach += kLinks[link] * pitch.sine;
+    height += kLinks[link] * pitch.cosine;
   }
-  return {reach * angles[0][kCosine], reach * angles[0][kSine], height};
+  return {reach * angles[0].cosine, reach * angles[0].sine, height};
 }
 
 Position EndEffectorOf(std::span<const double> state) {
-  double angles[kJoints][2];
-  for (int joint = 0; joint < kJoints; ++joint) {
-    angles[joint][kCosine] = std::cos(state[joint]);
-    angles[joint][kSine] = std::sin(state[joint]);
-  }
+  Angles angles;
+  for (int j = 0; j < kJoints; ++j) angles[j] = {std::cos(state[j]), std::sin(state[j])};
   return EndEffector(angles);
 }
 
@@ -81,11 +79,10 @@ class DistanceReward final : public Reward {
   void EvaluateTile(int, const double*, const double* features, const double*,
                     double* rewards) const override {
     for (int lane = 0; lane < kTileLanes; ++lane) {
-      double angles[kJoints][2];
-      for (int joint = 0; joint < kJoints; ++joint) {
-        for (const int part : {kCosine, kSine}) {
-          angles[joint][part] = features[(2 * joint + part) * kTileLanes + lane];
-        }
+      const double* const feature = features + lane;  // cosine and sine of each joint in turn
+      Angles angles;
+      for (int j = 0; j < kJoints; ++j) {
+        angles[j] = {feature[2 * j * kTileLanes], feature[(2 * j + 1) * kTileLanes]};
       }
       const double distance = Distance(EndEffector(angles), target_);
       rewards[lane] =
