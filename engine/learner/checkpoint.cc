@@ -51,8 +51,8 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   static constexpr std::array kCovariance = {"auto", "full", "diagonal", "limited-memory"};
   static constexpr std::array kCommonRandomNumbers = {"off", "generation", "search"};
   // Named one by one, so that a new option does not compile until it is here.
-  const auto& [episodes, random_episodes, until_solved, learn_reward, policy, seed, threads, model, plan,
-               search, rollout] = options;
+  const auto& [episodes, random_episodes, until_solved, learn_reward, policy, seed, threads, model,
+               plan, search, rollout] = options;
   const auto& [kind, hidden_units, activation, points, make] = policy;
   const auto& [restarts, max_evaluations] = model;
   const auto& [variance_tolerance, mean_tolerance, backend] = plan;
