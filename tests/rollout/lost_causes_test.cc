@@ -26,9 +26,8 @@ std::vector<int> Ranking(const std::vector<double>& returns, const std::vector<i
   }
   std::vector<int> order(static_cast<std::size_t>(n));
   std::iota(order.begin(), order.end(), first);
-  std::sort(order.begin(), order.end(), [&](int a, int b) {
-    return means[a] != means[b] ? means[a] > means[b] : a < b;
-  });
+  std::sort(order.begin(), order.end(),
+            [&](int a, int b) { return means[a] != means[b] ? means[a] > means[b] : a < b; });
   return order;
 }
 
