@@ -40,9 +40,10 @@ def tables(task):
     sigmas = [0.1, 0.25, 0.5, 1, 2.5, 5]
     restarts = ["single", "ipop", "bipop", "small"]
     one = {"exploration": 1, "concurrent": 1}
-    all_alike = {"restarts": "small", "exploration": 1}
-    halving = [{"restarts": "small", "exploration": 0.55, "promotions": 2},
-               {"restarts": "small", "exploration": 0.3, "promotions": 3}]
+    twice = {"cartpole": 32, "pendulum": 30}[task]  # the default population of CMA-ES
+    all_alike = {"restarts": "small", "exploration": 1, "population": twice}
+    halving = [{"restarts": "small", "exploration": 0.55, "promotions": 2, "population": twice},
+               {"restarts": "small", "exploration": 0.3, "promotions": 3, "population": twice}]
     return {
         # One run, no restart: lambda x sigma_0 x start.
         "fixed": [{**one, "restarts": "single", **row} for row in product(
@@ -61,13 +62,18 @@ def tables(task):
                       for population, sigma in [(16, 5), (16, 1), (32, 1), (32, 0.5), (64, 1)]]
                      + [{**one, "restarts": "small", "population": population,
                          "first-sigma": usual}],
-        "refined": [{"restarts": "small", "exploration": 0.3, "promotions": 3, **row} for row in
+        "refined": [{"restarts": "small", "exploration": 0.3, "promotions": 3,
+                     "population": twice, **row} for row in
                     product(concurrent=[4, 8], local_share=[0.5], first_sigma=[best],
-                            population=[0, 16])
+                            population=[twice, 16])
                     + product(concurrent=[4, 8], local_share=[0.75], first_sigma=[best])
                     + product(concurrent=[4], local_share=[0.5], first_sigma=[best / 2])]
                    + [{**one, "restarts": "small", "local-share": 0.5, "first-sigma": best,
                        "population": 16}],
+        "common": [{"restarts": "small", "exploration": 0.3, "promotions": 3, "local-share": 0.5,
+                    "first-sigma": best, "common-random-numbers": "generation", **row}
+                   for row in product(concurrent=[4, 8], population=[twice])
+                   + product(concurrent=[8], population=[16])],
         # Who gets the budget: so many runs side by side, some of them from the last policy, and
         # successive halving or not.
         "allocation": [{**all_alike, **row} for row in
@@ -96,7 +102,7 @@ def search(task, run, setting, seed, evaluations, out):
         os.makedirs(folder, exist_ok=True)
         command = [PROGRAM, task, run, "--episodes", str(n_episodes(run) - 1), "--first-seed",
                    str(seed), "--evaluations", str(evaluations)]
-        for key, value in setting.items():
+        for key, value in {"common-random-numbers": "off", **setting}.items():
             command += [f"--{key}", str(value)]
         result = subprocess.run(command, capture_output=True, text=True)
         if result.returncode:

@@ -26,18 +26,22 @@ def lines(task):
     """(label, setting, colour, line style) of the curves, the default first."""
     best = {"cartpole": 0.25, "pendulum": 1}[task]
     usual = {"cartpole": 0.5, "pendulum": 1}[task]
+    twice = {"cartpole": 32, "pendulum": 30}[task]
     plain = {**ONE, "population": 16}
     return [
-        ("default: halving, half of the restarts from the last policy",
-         {"restarts": "small", "exploration": 0.3, "promotions": 3, "concurrent": 4,
-          "local_share": 0.5, "first_sigma": best}, "C3", "-"),
-        ("default before: halving, restarts from random starts",
+        ("default: halving, half of the restarts from the last policy, common random numbers",
+         {"restarts": "small", "exploration": 0.3, "promotions": 3, "concurrent": 8, "population": 16,
+          "local_share": 0.5, "first_sigma": best, "common_random_numbers": "generation"}, "C3", "-"),
+        ("the same, independent random numbers, twice the population",
+         {"restarts": "small", "exploration": 0.3, "promotions": 3, "concurrent": 8,
+          "local_share": 0.5, "first_sigma": best, "population": twice}, "C3", "--"),
+        ("former default: halving, restarts from random starts",
          {"restarts": "small", "exploration": 0.55, "promotions": 2, "concurrent": 8,
-          "local_share": 0, "first_sigma": usual}, "C1", "-"),
-        ("small restarts, one run at a time", {**plain, "restarts": "small", "uncertainty": "off"}, "C0", "-"),
+          "local_share": 0, "first_sigma": usual, "population": twice}, "C1", "-"),
+        ("small restarts, $\\lambda$ = 16, one run at a time", {**plain, "restarts": "small", "uncertainty": "off"}, "C0", "-"),
         ("BIPOP", {**plain, "restarts": "bipop", "uncertainty": "off"}, "C0", "--"),
         ("IPOP", {**plain, "restarts": "ipop", "uncertainty": "off"}, "C0", ":"),
-        ("single run", {**plain, "restarts": "single", "uncertainty": "off"}, "C7", "-"),
+        ("single run from the last policy", {**plain, "restarts": "single", "uncertainty": "off"}, "C7", "-"),
         ("small restarts, more rollouts under noise",
          {**plain, "restarts": "small", "uncertainty": "rollouts"}, "C2", "--"),
         ("fixed $\\lambda$ = 16, $\\sigma_0$ = 5, random starts",

@@ -69,7 +69,7 @@ void AddOptions(CLI::App* app, Arguments* arguments) {
   app->add_option("--threads", search.threads)->check(CLI::Range(1, 1024));
   // The search checks the ranges of the rest.
   app->add_option("--evaluations", search.evaluations, "rollouts of a search");
-  app->add_option("--population", search.population, "lambda; 0: twice the default");
+  app->add_option("--population", search.population, "lambda; 0: the default");
   app->add_option("--rollouts", search.rollouts, "a candidate");
   app->add_option("--max-rollouts", search.max_rollouts, "of --uncertainty rollouts");
   app->add_option("--concurrent", search.concurrent, "CMA-ES runs side by side");

@@ -98,9 +98,8 @@ class PolicySearch {
 };
 
 int Population(const PolicySearchOptions& options, std::size_t dimension) {
-  // Twice the default: under noise, more candidates average better.
   return options.population > 0 ? options.population
-                                : 2 * CmaEs::DefaultPopulation(static_cast<int>(dimension));
+                                : CmaEs::DefaultPopulation(static_cast<int>(dimension));
 }
 
 // Candidates of all runs together for which the budget holds kMinGenerations generations.

@@ -42,7 +42,7 @@ enum class CommonRandomNumbers {
 
 struct PolicySearchOptions {
   std::int64_t evaluations = 300000;  // rollouts an episode's search may spend; [100, 1e12]
-  int population = 0;                 // lambda; 0: twice CMA-ES's default; 0 or [2, 100000]
+  int population = 0;                 // lambda; 0: CMA-ES's default; 0 or [2, 100000]
   int rollouts = 1;       // rollouts a candidate, twice as many in the last stage of the
                           // selection (within max_rollouts for kRollouts); [1, 10000]
   int max_rollouts = 20;  // limit of kRollouts; [1, 10000]
@@ -64,7 +64,7 @@ struct PolicySearchOptions {
   RestartStrategy restarts = RestartStrategy::kSmall;
   UncertaintyHandling uncertainty = UncertaintyHandling::kOff;
   CovarianceForm covariance = CovarianceForm::kAuto;  // what CMA-ES adapts beside mean and sigma
-  CommonRandomNumbers common_random_numbers = CommonRandomNumbers::kOff;
+  CommonRandomNumbers common_random_numbers = CommonRandomNumbers::kGeneration;
   // Tells the objective which candidates compete in a generation, so that it may stop rollouts that
   // can no longer matter. Not with kSigma or kRollouts, which rank all.
   bool stop_lost_causes = false;

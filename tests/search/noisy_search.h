@@ -56,6 +56,8 @@ inline PolicySearchOptions SmallOptions() {
   PolicySearchOptions options;
   options.evaluations = 12000;
   options.concurrent = 4;
+  options.population = 18;
+  options.common_random_numbers = CommonRandomNumbers::kOff;
   return options;
 }
 

@@ -120,11 +120,12 @@ TEST_CASE(
   options.evaluations = 40000;
   options.first_sigma = 0.25;
   options.local_share = 0;
+  options.population = 0;
   options.restarts = RestartStrategy::kBipop;
   const PolicySearchResult result = Search(options, Noisy(Hill, 1));
   REQUIRE(result.runs.size() > 4);
   CHECK(result.runs[0].initial_sigma == 0.25);
-  CHECK(result.runs[0].population == 2 * (4 + static_cast<int>(3 * std::log(kP))));
+  CHECK(result.runs[0].population == 4 + static_cast<int>(3 * std::log(kP)));
   bool any_large = false, any_small = false;
   for (std::size_t k = 1; k < result.runs.size(); ++k) {
     const RunRecord& run = result.runs[k];

@@ -139,7 +139,7 @@ std::vector<Field> SearchFields(PolicySearchOptions& search) {
        .target = &search.population,
        .min = 0,
        .max = 100000,
-       .description = "Candidates a generation (lambda); 0: twice the default of CMA-ES."},
+       .description = "Candidates a generation (lambda); 0: the default of CMA-ES."},
       {.key = "search.rollouts",
        .option = "--rollouts",
        .target = &search.rollouts,
