@@ -80,8 +80,9 @@ TEST_CASE("policy_search: every promotion halves the runs, and the last one doub
   CHECK(twice > 0);
   // A batch less or more; the final comparison takes at most a fifth of the budget and 48 rollouts
   // a run, as do the three between the stages.
-  for (const auto& [n_runs, share] : {std::pair(8, 0.4), {4, 0.2}, {2, 0.2}, {1, 0.2}}) {
-    const auto stage = static_cast<double>(spent[static_cast<std::size_t>(n_runs)]);
+  for (const std::size_t n_runs : {8, 4, 2, 1}) {
+    const double share = n_runs == 8 ? 0.4 : 0.2;
+    const auto stage = static_cast<double>(spent[n_runs]);
     CHECK(stage < share * 40000 + 80);
     CHECK(stage > share * (0.8 * 40000 - 4.0 * 48 * static_cast<double>(result.runs.size())) - 80);
   }
@@ -89,7 +90,9 @@ TEST_CASE("policy_search: every promotion halves the runs, and the last one doub
 }
 
 TEST_CASE("policy_search: the local share of the restarts begins at the last policy") {
-  for (const auto& [share, expected] : {std::pair(0.0, 1), {0.5, 4}, {0.75, 6}, {1.0, 8}}) {
+  // The first run, and of the seven restarts as many as the share has room for.
+  for (const double share : {0.0, 0.5, 0.75, 1.0}) {
+    const int expected = 1 + static_cast<int>(7 * share);
     PolicySearchOptions options = SmallOptions();
     options.concurrent = 8;
     options.population = 10;
