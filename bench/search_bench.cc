@@ -179,7 +179,7 @@ double FinalValue(const TestFunction& function, const Noise& noise, UncertaintyH
   std::vector<double> mean(kP);
   FillUniforms(DeriveKey(seed, StreamPurpose::kSearchRestart, {0}), 1, mean.data(), kP);
   for (double& value : mean) value = 8 * value - 4;
-  const RunPlan plan{0, Regime::kFirst, CmaEs::DefaultPopulation(kP), 2};
+  const RunPlan plan{0, Regime::kFirst, static_cast<int>(CmaEs::DefaultPopulation(kP)), 2};
   SearchRun run(options, plan, mean, seed, 0);
   SearchBatch batch;
   while (true) {
@@ -292,7 +292,7 @@ void PrintTimes() {
   for (const int dimension : {100, 250, 500, 1000}) {
     for (const CovarianceForm form :
          {CovarianceForm::kFull, CovarianceForm::kDiagonal, CovarianceForm::kLimitedMemory}) {
-      PrintGenerationTime(dimension, CmaEs::DefaultPopulation(dimension), form);
+      PrintGenerationTime(dimension, static_cast<int>(CmaEs::DefaultPopulation(dimension)), form);
     }
   }
 }

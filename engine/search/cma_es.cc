@@ -27,9 +27,7 @@ constexpr std::array<std::string_view, 10> kStops = {
 
 }  // namespace
 
-int CmaEs::DefaultPopulation(int dimension) {
-  return 4 + static_cast<int>(std::floor(3 * std::log(dimension)));  // Eq. 48
-}
+double CmaEs::DefaultPopulation(int dimension) { return 4 + 3 * std::log(dimension); }
 
 CmaEs::CmaEs(std::span<const double> mean, double sigma, int population,
              const CmaEsOptions& options)

@@ -63,8 +63,8 @@ class CmaEs {
   // Throws InvalidInput if `state` is no list that Save wrote.
   static CmaEs Restore(std::span<const double> state, const CmaEsTolerances& tolerances = {});
 
-  // lambda = 4 + floor(3 ln P), Eq. 48.
-  static int DefaultPopulation(int dimension);
+  // 4 + 3 ln P, Eq. 48 before it is rounded down.
+  static double DefaultPopulation(int dimension);
 
   int dimension() const { return dimension_; }
   int population() const { return population_; }

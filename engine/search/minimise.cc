@@ -67,7 +67,7 @@ class Minimiser {
  private:
   static constexpr int kMaxPopulation = 1 << 20;
 
-  int Population() const {
+  double Population() const {
     return options_.population > 0 ? options_.population
                                    : CmaEs::DefaultPopulation(static_cast<int>(dimension_));
   }

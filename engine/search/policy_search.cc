@@ -97,7 +97,7 @@ class PolicySearch {
   SearchBatch batch_;
 };
 
-int Population(const PolicySearchOptions& options, std::size_t dimension) {
+double Population(const PolicySearchOptions& options, std::size_t dimension) {
   return options.population > 0 ? options.population
                                 : CmaEs::DefaultPopulation(static_cast<int>(dimension));
 }
@@ -117,14 +117,14 @@ PolicySearch::PolicySearch(const PolicySearchOptions& options, std::span<const d
       objective_(objective),
       stop_(stop),
       start_(start.begin(), start.end()),
-      population_(Population(options, start.size())),
+      population_(static_cast<int>(Population(options, start.size()))),
       final_rollouts_(static_cast<int>(std::clamp<std::int64_t>(
           options.evaluations / (kComparisonShare * (kFinalists + 1)), 1, options.final_rollouts))),
       promotion_rollouts_(std::min(kPromotionRollouts, final_rollouts_)),
       n_slots_(static_cast<int>(std::clamp<std::int64_t>(
           AffordableCandidates(options) / population_, 1,
           options.restarts == RestartStrategy::kSingle ? 1 : options.concurrent))),
-      scheduler_(options.restarts, population_,
+      scheduler_(options.restarts, Population(options, start.size()),
                  static_cast<int>(std::min<std::int64_t>(AffordableCandidates(options) / n_slots_,
                                                          std::numeric_limits<int>::max())),
                  options.restart_sigma, options.restart_decades) {

@@ -133,6 +133,14 @@ TEST_CASE("bipop: IPOP doubles the population of every restart, up to its limit"
   }
 }
 
+TEST_CASE("bipop: a default population that is not whole is rounded down after doubling") {
+  RestartScheduler scheduler(RestartStrategy::kIpop, 10.9, 100, 2, 2);
+  CHECK(scheduler.First(2).population == 10);
+  for (const int population : {21, 43, 87, 100, 100}) {
+    CHECK(scheduler.Next(0.5, 0.5).population == population);
+  }
+}
+
 TEST_CASE("bipop: only the single strategy has no restarts") {
   for (const RestartStrategy strategy :
        {RestartStrategy::kBipop, RestartStrategy::kSmall, RestartStrategy::kIpop}) {

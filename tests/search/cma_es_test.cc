@@ -38,7 +38,7 @@ double MedianEvaluations(const TestFunction& function, int dimension) {
     std::vector<double> mean(static_cast<std::size_t>(dimension));
     FillUniforms(DeriveKey(seed, StreamPurpose::kSearchRestart, {0}), 1, mean.data(), mean.size());
     for (double& value : mean) value = 8 * value - 4;
-    CmaEs cma(mean, 2, CmaEs::DefaultPopulation(dimension));
+    CmaEs cma(mean, 2, static_cast<int>(CmaEs::DefaultPopulation(dimension)));
     double best = 1;
     while (best > 1e-8 && cma.stop().empty()) best = Step(cma, function, seed);
     evaluations.push_back(best > 1e-8 ? std::numeric_limits<double>::infinity()
