@@ -11,7 +11,8 @@ number of rollouts until the mean of a CMA-ES run is within --share of the best 
 that model, by any search here, both by 2,000 fresh rollouts: rollouts of all searches (those that
 fail with all they spent) over the number of searches that succeed. Intervals are bootstrapped over
 models (90 %). Finished searches are kept in OUT and not run again: the command may be killed and
-repeated.
+repeated. Also printed: the mean over searches of the best true return so far after some numbers of
+rollouts (--looks); a rollout of H steps is H E queries, those of a setting with R rollouts too.
 """
 import argparse
 import csv
@@ -123,6 +124,12 @@ def cost(lines, wanted):
     return next(rollouts for rollouts, _, what in lines if what == "end"), False
 
 
+def best_after(lines, rollouts):
+    """The best true return that one search's means had reached after so many rollouts."""
+    return max([value for spent, value, what in lines if what == "mean" and spent <= rollouts],
+               default=0)
+
+
 def expected(costs):
     """Expected rollouts to success of [(rollouts, found)]; infinite if none succeeded."""
     found = sum(success for _, success in costs)
@@ -138,7 +145,7 @@ def interval(costs_by_model, draws=1000):
     return values[draws // 20], values[-draws // 20 - 1]
 
 
-def summarise(settings, results, runs, seeds, share):
+def summarise(settings, results, runs, seeds, share, looks):
     """Rows of the table, best first."""
     best = {}
     for (run, _, _), lines in results.items():
@@ -152,9 +159,12 @@ def summarise(settings, results, runs, seeds, share):
         low, high = interval(by_model)
         returned = [next(v for _, v, what in results[run, name, seed] if what == "returned") / best[run]
                     for run in runs for seed in seeds]
+        reached = {f"return_after_{look}": sum(best_after(results[run, name, seed], look)
+                                               for run in runs for seed in seeds) / len(costs)
+                   for look in looks}
         rows.append({"setting": name, "expected_rollouts": expected(costs), "low": low, "high": high,
                      "found": sum(success for _, success in costs) / len(costs),
-                     "returned_share_of_best": sum(returned) / len(returned)})
+                     "returned_share_of_best": sum(returned) / len(returned), **reached})
     return sorted(rows, key=lambda row: row["expected_rollouts"])
 
 
@@ -166,6 +176,8 @@ def main():
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--evaluations", type=int, default=120000)
     parser.add_argument("--share", type=float, default=0.9)
+    parser.add_argument("--looks", default="10000,30000,60000,120000",
+                        type=lambda text: [int(word) for word in text.split(",")])
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", default="runs/search_study")
     arguments = parser.parse_args()
@@ -180,7 +192,8 @@ def main():
     with ThreadPoolExecutor(arguments.jobs) as pool:
         lines = pool.map(lambda w: search(arguments.task, *w, arguments.evaluations, arguments.out), work)
         results = {(run, name_of(setting), seed): found for (run, setting, seed), found in zip(work, lines)}
-    rows = summarise(settings, results, arguments.runs, seeds, arguments.share)
+    rows = summarise(settings, results, arguments.runs, seeds, arguments.share,
+                     arguments.looks)
     path = os.path.join(arguments.out, f"{arguments.task}.csv")
     with open(path, "w", newline="") as file:
         writer = csv.DictWriter(file, rows[0].keys())
@@ -188,7 +201,9 @@ def main():
         writer.writerows(rows)
     for row in rows:
         print(f"{row['expected_rollouts']:10.0f} ({row['low']:.0f}-{row['high']:.0f}) "
-              f"{row['found']:6.2f} {row['returned_share_of_best']:6.2f}  {row['setting']}")
+              f"{row['found']:6.2f} {row['returned_share_of_best']:6.2f}  "
+              + " ".join(f"{row[f'return_after_{look}']:5.1f}" for look in arguments.looks)
+              + f"  {row['setting']}")
 
 
 if __name__ == "__main__":
