@@ -8,6 +8,7 @@
 #include <cmath>
 #include <iterator>
 #include <limits>
+#include <span>
 #include <utility>
 
 #include "engine/errors.h"
@@ -50,7 +51,7 @@ std::vector<double> FirstPolicy(const LearnerState& state, const Policy& policy)
 
 // Inputs (features of the observation, action), targets next observation - observation (paper,
 // section III-B).
-Dataset MakeDataset(const Task& task, const std::vector<Transition>& transitions) {
+Dataset MakeDataset(const Task& task, std::span<const Transition> transitions) {
   Dataset data;
   const int n = static_cast<int>(transitions.size());
   data.inputs.resize(n, task.n_inputs());
@@ -71,7 +72,7 @@ Dataset MakeDataset(const Task& task, const std::vector<Transition>& transitions
 }
 
 // Inputs features of the next observation, one target: the reward observed (paper section IV-B).
-Dataset MakeRewardDataset(const Task& task, const std::vector<Transition>& transitions) {
+Dataset MakeRewardDataset(const Task& task, std::span<const Transition> transitions) {
   Dataset data;
   const int n = static_cast<int>(transitions.size());
   data.inputs.resize(n, task.n_features());
@@ -228,6 +229,23 @@ std::vector<Variable> ModelOutputs(const Task& task, const LearnerOptions& optio
 double RolloutNanosecondsPerQuery(const EpisodeRecord& record) {
   if (record.random) return std::numeric_limits<double>::quiet_NaN();
   return 1e9 * record.rollout_seconds / static_cast<double>(record.gp_queries);
+}
+
+std::vector<ExactGp> EpisodeModel(const Task& task, const std::vector<Transition>& transitions,
+                                  const EpisodeRecord& record) {
+  const auto end = std::find_if(transitions.begin(), transitions.end(),
+                                [&](const Transition& t) { return t.episode >= record.episode; });
+  const std::span<const Transition> earlier(transitions.begin(), end);
+  const Dataset data = MakeDataset(task, earlier);
+  std::vector<ExactGp> gps;
+  for (int e = 0; e < data.n_outputs(); ++e) {
+    gps.emplace_back(data.inputs, data.targets.col(e), record.hyperparameters[e]);
+  }
+  if (record.hyperparameters.size() > gps.size()) {  // the reward was learnt, too
+    const Dataset rewards = MakeRewardDataset(task, earlier);
+    gps.emplace_back(rewards.inputs, rewards.targets.col(0), record.hyperparameters.back());
+  }
+  return gps;
 }
 
 Learner::Learner(Task task, LearnerOptions options, LearnerState state)

@@ -116,6 +116,11 @@ std::vector<Variable> ModelOutputs(const Task& task, const LearnerOptions& optio
 // are in it. NaN for a random episode.
 double RolloutNanosecondsPerQuery(const EpisodeRecord& record);
 
+// The exact model that a learnt episode's policy was searched on, one GP an output: that of the
+// transitions of earlier episodes with the record's hyper-parameters.
+std::vector<ExactGp> EpisodeModel(const Task& task, const std::vector<Transition>& transitions,
+                                  const EpisodeRecord& record);
+
 // All that the next episode depends on; what a checkpoint holds.
 struct LearnerState {
   std::vector<EpisodeRecord> episodes;

@@ -35,7 +35,8 @@ void PerturbPolicy(const PolicySearchOptions& search, const StreamKey& key,
 Eigen::MatrixXd MetInputs(Evaluator* evaluator, std::span<const double> parameters,
                           std::span<const StreamKey> keys, int n_inputs) {
   using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  const std::vector<double> met = evaluator->VisitedInputs(parameters, keys);
+  const std::vector<int> one(keys.size(), 1);
+  const std::vector<double> met = evaluator->Trace(parameters, keys, one).inputs;
   return Eigen::Map<const RowMajor>(met.data(), static_cast<Eigen::Index>(met.size()) / n_inputs,
                                     n_inputs);
 }

@@ -22,7 +22,7 @@ void PerturbPolicy(const PolicySearchOptions& search, const StreamKey& key,
                    std::span<double> parameters);
 
 // Inputs (n horizon x D, features and action) that one rollout of each of the n candidates meets:
-// Evaluator::VisitedInputs as a matrix.
+// Evaluator::Trace's as a matrix.
 Eigen::MatrixXd MetInputs(Evaluator* evaluator, std::span<const double> parameters,
                           std::span<const StreamKey> keys, int n_inputs);
 

@@ -149,15 +149,15 @@ void Evaluator::Evaluate(std::span<const double> parameters, std::span<const Str
   statistics_.rollouts += std::ssize(returns);
 }
 
-std::vector<double> Evaluator::VisitedInputs(std::span<const double> parameters,
-                                             std::span<const StreamKey> keys) {
-  const std::vector<int> one(keys.size(), 1), zero(keys.size(), 0);
-  std::vector<double> returns(keys.size());
-  std::vector<double> visited(keys.size() * task_.horizon * task_.n_inputs());
+Trajectories Evaluator::Trace(std::span<const double> parameters, std::span<const StreamKey> keys,
+                              std::span<const int> n_rollouts) {
+  const int n = std::accumulate(n_rollouts.begin(), n_rollouts.end(), 0);
+  Trajectories trajectories(task_, n);
+  std::vector<double> returns(n);
   const EvaluatorStatistics before = statistics_;
-  Run({parameters, keys, one, zero, returns, visited.data()}, {});
+  Run({parameters, keys, n_rollouts, std::vector<int>(keys.size()), returns, &trajectories}, {});
   statistics_ = before;
-  return visited;
+  return trajectories;
 }
 
 void Evaluator::Check(const Batch& batch) const {
@@ -261,11 +261,9 @@ void Evaluator::PackTile(const Batch& batch, int first, int n, TileScratch* scra
 void Evaluator::StartTile(TileScratch* scratch) const {
   TileScratch& s = *scratch;
   NormalTile(s.keys0, s.keys1, s.rollouts, kStartStep, task_.n_states(), s.states);
-  for (int e = 0; e < task_.n_states(); ++e) {
-    for (int lane = 0; lane < kTileLanes; ++lane) {
-      double& state = s.states[e * kTileLanes + lane];
-      state = task_.start_mean[e] + task_.start_std[e] * state;
-    }
+  for (int i = 0; i < task_.n_states() * kTileLanes; ++i) {
+    const int e = i / kTileLanes;
+    s.states[i] = task_.start_mean[e] + task_.start_std[e] * s.states[i];
   }
   std::fill_n(s.sums, kTileLanes, 0.0);
   std::fill_n(s.alive, kTileLanes, 1.0);
@@ -292,15 +290,11 @@ void Evaluator::SaveTile(int first, int n, const TileScratch& s) {
   }
 }
 
-void Evaluator::ActTile(std::uint32_t step, int first, int n, const TileScratch& s,
-                        double* visited) const {
-  policy_.ActTile(static_cast<int>(step), s.parameters, s.inputs, s.prepared,
-                  s.inputs + task_.n_features() * kTileLanes);
-  if (visited == nullptr) return;
-  const int dim = task_.n_inputs();
+void Evaluator::RecordTile(int step, int first, int n, const TileScratch& s,
+                           Trajectories* trajectories) const {
   for (int lane = 0; lane < n; ++lane) {
-    const std::size_t row = static_cast<std::size_t>(first + lane) * task_.horizon + step;
-    for (int d = 0; d < dim; ++d) visited[row * dim + d] = s.inputs[d * kTileLanes + lane];
+    trajectories->Record(task_, lanes_[first + lane].index, step, lane, s.states, s.inputs,
+                         s.rewards, s.alive);
   }
 }
 
@@ -374,16 +368,23 @@ void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, i
     }
     FeatureTile(task_.features.data(), task_.n_features(), tile->states, tile->inputs);
   }
-  for (int step = leg.begin; step < leg.end; ++step) {
-    for (int t = 0; t < n_tiles; ++t) {
-      const int before = t * kTileLanes;
-      ActTile(step, first + before, TileLanes(n, before), tiles[t], batch.visited);
+  const auto record = [&](int step) {
+    for (int at = 0; at < n && batch.trajectories != nullptr; at += kTileLanes) {
+      RecordTile(step, first + at, TileLanes(n, at), tiles[at / kTileLanes], batch.trajectories);
     }
+  };
+  for (int step = leg.begin; step < leg.end; ++step) {
+    for (const TileScratch& s : tiles) {
+      policy_.ActTile(step, s.parameters, s.inputs, s.prepared,
+                      s.inputs + task_.n_features() * kTileLanes);
+    }
+    record(step);
     for (int e = 0; e < task_.n_states(); ++e) QueryBlock(e, n, tiles, gp_scratch);
     for (const TileScratch& tile : tiles) AdvanceTile(step, tile);
     if (learnt_reward()) QueryBlock(task_.n_states(), n, tiles, gp_scratch);
     for (const TileScratch& tile : tiles) RewardTile(step, tile);
   }
+  record(leg.end);
   for (int lane = 0; lane < n; ++lane) {
     const TileScratch& s = tiles[lane / kTileLanes];
     const int at = lane % kTileLanes;

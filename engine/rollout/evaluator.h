@@ -11,6 +11,7 @@
 #include "engine/rollout/lost_causes.h"
 #include "engine/rollout/policy.h"
 #include "engine/rollout/task.h"
+#include "engine/rollout/trajectories.h"
 #include "kernels/aligned.h"
 #include "kernels/gp_query/gp_query.h"
 #include "kernels/philox/philox.h"
@@ -66,11 +67,10 @@ class Evaluator {
                 std::span<const int> n_rollouts, std::span<const int> first_rollout,
                 std::span<double> returns, std::span<const CandidateGroup> groups = {});
 
-  // The model's inputs (features, action) that one rollout a candidate meets: row c horizon + t of
-  // the result (n horizon x D, row-major) is that of candidate c at step t. Not counted in the
+  // What the rollouts 0, ..., n_rollouts[c] - 1 of each candidate go through. Not counted in the
   // statistics. Allocates.
-  std::vector<double> VisitedInputs(std::span<const double> parameters,
-                                    std::span<const StreamKey> keys);
+  Trajectories Trace(std::span<const double> parameters, std::span<const StreamKey> keys,
+                     std::span<const int> n_rollouts);
 
   const EvaluatorStatistics& statistics() const { return statistics_; }
 
@@ -80,7 +80,7 @@ class Evaluator {
     std::span<const StreamKey> keys;
     std::span<const int> n_rollouts, first_rollout;
     std::span<double> returns;
-    double* visited;  // as VisitedInputs, or nullptr
+    Trajectories* trajectories;  // of Trace, or nullptr
   };
   struct Lane {
     int candidate;
@@ -102,9 +102,9 @@ class Evaluator {
   // A tile's states, sums and whether it has diverged, between two legs.
   void LoadTile(const Batch& batch, int first, int n, TileScratch* scratch) const;
   void SaveTile(int first, int n, const TileScratch& scratch);
-  // Actions of the tile's first n lanes, which are lanes [first, first + n) of the leg.
-  void ActTile(std::uint32_t step, int first, int n, const TileScratch& scratch,
-               double* visited) const;
+  // What the tile's first n lanes, lanes [first, first + n) of the leg, have come to at `step`.
+  void RecordTile(int step, int first, int n, const TileScratch& scratch,
+                  Trajectories* trajectories) const;
   // Means and variances of an output for the block's n lanes.
   void QueryBlock(int output, int n, std::span<const TileScratch> tiles, double* gp_scratch) const;
   // Adds samples of an output to `values` (a row); lanes beyond +-limit die.

@@ -31,6 +31,7 @@ enum class StreamPurpose : std::uint32_t {
   kFinalEvaluation = 9,
   kEvaluate = 10,
   kPlanProbe = 11,
+  kPrediction = 12,
 };
 
 // Key of the stream at `path` (at most 8 coordinates, e.g. {episode, run, generation}) under

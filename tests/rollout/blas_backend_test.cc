@@ -89,7 +89,9 @@ TEST_CASE("blas backend: inputs visited are those of their candidate and step") 
     FillNormals({2, 2}, 0, theta.data(), theta.size());
     std::vector<StreamKey> keys;
     for (std::uint32_t c = 0; c < n; ++c) keys.push_back({c, 9});
-    return Evaluator(f.task, *f.policy, f.factors, {}).VisitedInputs(theta, keys);
+    return Evaluator(f.task, *f.policy, f.factors, {})
+        .Trace(theta, keys, std::vector<int>(n, 1))
+        .inputs;
   };
   CHECK(Worst(visited(Fixture(kHorizon, 30, QueryBackend::kBlas)), visited(Fixture(kHorizon)),
               visited(Shifted())) <= 1);

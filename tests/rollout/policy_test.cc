@@ -110,7 +110,8 @@ TEST_CASE("policy: rollouts act as the policy does for one state and step") {
     Evaluator evaluator(f.task, *f.policy, f.factors, {});
     std::vector<double> theta(f.policy->n_parameters());
     FillNormals({1, 1}, 0, theta.data(), theta.size());
-    const auto visited = evaluator.VisitedInputs(theta, std::vector<StreamKey>{{1, 1}});
+    const auto visited =
+        evaluator.Trace(theta, std::vector<StreamKey>{{1, 1}}, std::vector<int>{1}).inputs;
     for (int step = 0; step < 8; ++step) {
       const double* x = &visited[step * 4];
       std::vector<double> u(1);
@@ -150,7 +151,8 @@ TEST_CASE("policy: a user's own class runs in the evaluator") {
   CHECK(f.policy->kind() == "bang-bang");
   Evaluator evaluator(f.task, *f.policy, f.factors, {});
   const std::vector<double> theta = {1, 0.5, -2};
-  const auto visited = evaluator.VisitedInputs(theta, std::vector<StreamKey>{{1, 1}});
+  const auto visited =
+      evaluator.Trace(theta, std::vector<StreamKey>{{1, 1}}, std::vector<int>{1}).inputs;
   for (int step = 0; step < 8; ++step) {
     const double* x = &visited[step * 4];
     CHECK(x[3] == (x[0] + 0.5 * x[1] - 2 * x[2] > 0 ? 2.5 : -2.5));
