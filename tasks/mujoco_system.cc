@@ -135,9 +135,9 @@ void CheckControlRanges(const mjModel& model, const std::vector<int>& actuators,
   }
 }
 
-class MujocoSystem final : public System {
+class LoadedSystem final : public MujocoSystem {
  public:
-  MujocoSystem(const MujocoSystemSpec& spec, const std::string& model_name)
+  LoadedSystem(const MujocoSystemSpec& spec, const std::string& model_name)
       : model_(LoadModel(spec, model_name)), data_(mj_makeData(model_.get()), &mj_deleteData) {
     const std::vector<int> joints =
         FindAll(*model_, mjOBJ_JOINT, model_->njnt, "joint", spec.joints, model_name);
@@ -166,8 +166,16 @@ class MujocoSystem final : public System {
   }
 
   void Step(std::span<const double> action, std::span<double> state) override {
+    StepObserved(action, state, [] {});
+  }
+
+  void StepObserved(std::span<const double> action, std::span<double> state,
+                    const std::function<void()>& observe) override {
     for (std::size_t i = 0; i < actuators_.size(); ++i) data_->ctrl[actuators_[i]] = action[i];
-    for (int substep = 0; substep < n_substeps_; ++substep) mj_step(model_.get(), data_.get());
+    for (int substep = 0; substep < n_substeps_; ++substep) {
+      mj_step(model_.get(), data_.get());
+      observe();
+    }
     // MuJoCo replaces what is not finite and goes on from there: not a state of this system.
     const bool stable = !Warned(mjWARN_BADQPOS) && !Warned(mjWARN_BADQVEL) &&
                         !Warned(mjWARN_BADQACC) && !Warned(mjWARN_BADCTRL);
@@ -175,6 +183,9 @@ class MujocoSystem final : public System {
       state[i] = stable ? *variables_[i] : std::numeric_limits<double>::quiet_NaN();
     }
   }
+
+  mjModel& model() override { return *model_; }
+  mjData& data() override { return *data_; }
 
  private:
   bool Warned(mjtWarning warning) const { return data_->warning[warning].number > 0; }
@@ -188,10 +199,10 @@ class MujocoSystem final : public System {
 
 }  // namespace
 
-std::unique_ptr<System> MakeMujocoSystem(const MujocoSystemSpec& spec) {
+std::unique_ptr<MujocoSystem> MakeMujocoSystem(const MujocoSystemSpec& spec) {
   InstallHandlers();
   const std::string model_name = spec.mjcf_file.empty() ? spec.name : spec.mjcf_file;
-  return std::make_unique<MujocoSystem>(spec, model_name);
+  return std::make_unique<LoadedSystem>(spec, model_name);
 }
 
 }  // namespace downpour

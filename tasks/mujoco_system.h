@@ -1,11 +1,16 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "engine/rollout/task.h"
+
+struct mjModel_;
+struct mjData_;
 
 namespace downpour {
 
@@ -28,6 +33,16 @@ struct MujocoSystemSpec {
   double control_period = 0.1;         // s, a whole number of the model's timesteps
 };
 
+// What MakeMujocoSystem returns, for those who want to look at it.
+class MujocoSystem : public System {
+ public:
+  virtual mjModel_& model() = 0;
+  virtual mjData_& data() = 0;
+  // As Step; calls `observe` after every timestep of the model.
+  virtual void StepObserved(std::span<const double> action, std::span<double> state,
+                            const std::function<void()>& observe) = 0;
+};
+
 // Loads the model and returns a system at the model's own start. An action is held for the whole
 // control period (zero-order hold) while the integrator and timestep of the MJCF advance the state.
 // Throws InvalidInput, one line with the model's name, if the MJCF cannot be read or compiled, if
@@ -40,6 +55,6 @@ struct MujocoSystemSpec {
 // until the next Reset. Step does not allocate. Equal states and actions after Reset give equal
 // bits. Loading is thread-safe. The first load installs process-wide MuJoCo handlers: its warnings
 // are dropped (so that no MUJOCO_LOG.TXT appears) and its errors become InvalidInput.
-std::unique_ptr<System> MakeMujocoSystem(const MujocoSystemSpec& spec);
+std::unique_ptr<MujocoSystem> MakeMujocoSystem(const MujocoSystemSpec& spec);
 
 }  // namespace downpour

@@ -68,6 +68,14 @@ class SetupTest(unittest.TestCase):
     self.assertEqual(calls[1].split()[-2:], ["cmake", "clang"])
     self.assertEqual(calls[2], "cmake --preset asan")
 
+  def test_pictures_add_their_packages_and_configure_a_configured_tree_again(self):
+    tree = self.root / "build/release"
+    tree.mkdir(parents=True)
+    (tree / "build.ninja").touch()
+    _, calls = self.run_setup("--pictures", missing="ffmpeg libegl-dev")
+    self.assertEqual(calls[1].split()[-2:], ["ffmpeg", "libegl-dev"])
+    self.assertEqual(calls[2], "cmake --preset release")
+
   def test_sudo_is_used_without_root(self):
     result, calls = self.run_setup(missing="cmake", uid=1000)
     self.assertEqual(result.returncode, 0, result.stderr)
@@ -86,7 +94,7 @@ class SetupTest(unittest.TestCase):
     result, calls = self.run_setup("relese")
     self.assertEqual(result.returncode, 2)
     self.assertEqual(result.stderr, "tools/setup: unknown argument 'relese'; allowed: "
-                                    "--ci, release, debug, asan, tsan\n")
+                                    "--ci, --pictures, release, debug, asan, tsan\n")
     self.assertEqual(calls, [])
 
   def test_standard_output_is_left_to_the_program(self):

@@ -12,9 +12,11 @@
 #include <string>
 #include <vector>
 
+#include "engine/errors.h"
 #include "engine/gp/process_settings.h"
 #include "kernels/fma_peak/fma_peak.h"
 #include "tools/downpour/commands.h"
+#include "tools/downpour/offscreen.h"
 
 namespace downpour {
 namespace {
@@ -59,6 +61,22 @@ std::string OpenBlasVersion() {
   return text.substr(begin, text.find_last_not_of(' ') + 1 - begin);
 }
 
+// What downpour render and downpour plot find.
+std::string Pictures() {
+  const auto found = [](const char* command) { return std::system(command) == 0; };
+  std::string text;
+  try {
+    text = OffscreenDescription();
+  } catch (const FileError& error) {
+    text = error.what();
+  }
+  text += found("command -v ffmpeg >/dev/null") ? "; ffmpeg" : "; no ffmpeg, for films";
+  text += found("/usr/bin/python3 -P -c 'import matplotlib' 2>/dev/null")
+              ? "; matplotlib"
+              : "; no python3-matplotlib, for plots";
+  return text;
+}
+
 void Row(const char* name, const std::string& text) { fmt::print("{:<13} {}\n", name, text); }
 
 void Examine() {
@@ -90,6 +108,7 @@ void Examine() {
         fmt::format("OpenBLAS runs its {} kernels: set OPENBLAS_CORETYPE={}", core, suitable));
   }
   Row("MuJoCo", mj_versionString());
+  Row("pictures", Pictures());
   for (const std::string& warning : warnings) Row("warning", warning);
   if (warnings.empty()) Row("verdict", "nothing slows this machine down");
 }

@@ -70,6 +70,9 @@ int Run(int argc, char** argv) {
   AddEvaluateCommand(&app);
   AddActCommand(&app);
   AddExportCommand(&app);
+  AddPredictCommand(&app);
+  AddPlotCommand(&app);
+  AddRenderCommand(&app);
   AddTasksCommand(&app);
   AddSimulateCommand(&app);
   AddDoctorCommand(&app);
@@ -79,6 +82,8 @@ int Run(int argc, char** argv) {
       "  downpour learn cartpole                    learn, into runs/cartpole-seed0\n"
       "  downpour evaluate runs/cartpole-seed0      try the learnt policy from 100 noisy starts\n"
       "  downpour act runs/cartpole-seed0           states in, actions out\n"
+      "  downpour plot runs/cartpole-seed0          how it was learnt, as a picture\n"
+      "  downpour render runs/cartpole-seed0        the last episode, as a filmstrip\n"
       "Exit codes: 0 fine, 2 bad input, 3 the robot failed, 130 interrupted (Ctrl-C), 143 "
       "terminated, 1 any other failure.");
   try {

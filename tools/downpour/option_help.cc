@@ -19,6 +19,19 @@ std::string WithDefault(const std::string& text, const Field& field) {
   return value.empty() ? text : fmt::format("{} (default {})", text, value);
 }
 
+void AddFieldOptions(CLI::App* command, const std::vector<Field>& fields,
+                     const std::shared_ptr<std::vector<Setting>>& settings) {
+  for (const Field& field : fields) {
+    const auto read = [settings, field](const std::string& text) {
+      settings->push_back(ReadSetting(field.option, field, text));
+    };
+    command
+        ->add_option_function<std::string>(field.option, read,
+                                           WithDefault(field.description, field))
+        ->type_name("N");
+  }
+}
+
 CLI::Validator NotEmpty() {
   return CLI::Validator(
       [](std::string& text) { return std::string(text.empty() ? "must not be empty" : ""); }, "");

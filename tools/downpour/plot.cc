@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <cerrno>
+#include <cstring>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "engine/errors.h"
+#include "tools/downpour/commands.h"
+#include "tools/downpour/option_help.h"
+#include "tools/downpour/read_run.h"
+
+namespace downpour {
+
+const char* PlotScript();  // plot.py
+
+namespace {
+
+constexpr const char* kPython = "/usr/bin/python3";
+constexpr int kRollouts = 200;
+
+struct PlotArguments {
+  std::string run;
+  std::vector<std::string> outputs;
+  int episode = 0;  // 0: the last
+};
+
+std::vector<Field> PlotFields(PlotArguments& arguments) {
+  return {{.key = "episode",
+           .option = "--episode",
+           .target = &arguments.episode,
+           .min = 0,
+           .max = 1000,
+           .description = "Trajectories of this episode; 0: the last one."}};
+}
+
+// Makes `text` the standard input of this process.
+void GiveStandardInput(std::string_view text) {
+  const int file = memfd_create("prediction", 0);
+  std::size_t done = 0;
+  while (file >= 0 && done < text.size()) {
+    const ssize_t n = write(file, text.data() + done, text.size() - done);
+    if (n < 0) break;
+    done += static_cast<std::size_t>(n);
+  }
+  if (file < 0 || done < text.size() || lseek(file, 0, SEEK_SET) != 0 ||
+      dup2(file, STDIN_FILENO) < 0) {
+    throw FileError(fmt::format("memfd: {}", std::strerror(errno)));
+  }
+}
+
+// With -P it imports nothing from the working directory. The script takes the process over: its
+// exit status is the command's.
+[[noreturn]] void RunScript(std::vector<std::string> words) {
+  words.insert(words.begin(), {kPython, "-P", "-c", PlotScript()});
+  std::vector<char*> argv;
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  execv(kPython, argv.data());
+  throw FileError(fmt::format("{}: {}: run tools/setup --pictures", kPython, std::strerror(errno)));
+}
+
+void Plot(PlotArguments arguments) {
+  for (const std::string& output : arguments.outputs) {
+    if (!output.ends_with(".png") && !output.ends_with(".svg")) {
+      throw InvalidInput(fmt::format("--output: {}: must end in .png or .svg", output));
+    }
+  }
+  const ReadRun run = ReadRunDirectory(arguments.run);
+  const Task& task = run.resolved.task;
+  const EpisodeRecord& record = FindEpisode(run, arguments.episode);
+  std::string prediction;
+  if (!record.random) {
+    prediction = PredictionCsv(task, PredictSavedEpisode(run, record, kRollouts));
+  }
+  if (arguments.outputs.empty()) {
+    for (const char* name : {"run.png", "run.svg"}) {
+      arguments.outputs.push_back((run.path / name).string());
+    }
+  }
+  GiveStandardInput(prediction);
+  std::vector<std::string> words = {arguments.run, task.name, std::to_string(record.episode),
+                                    fmt::format("{}", task.control_period)};
+  words.insert(words.end(), arguments.outputs.begin(), arguments.outputs.end());
+  RunScript(std::move(words));
+}
+
+}  // namespace
+
+void AddPlotCommand(CLI::App* app) {
+  CLI::App* command = app->add_subcommand(
+      "plot", "Draw how a run went: returns, times, and an episode with its model's expectation");
+  auto arguments = std::make_shared<PlotArguments>();
+  auto settings = std::make_shared<std::vector<Setting>>();
+  command->add_option("RUN", arguments->run, "Run directory")->required()->check(NotEmpty());
+  command
+      ->add_option("-o,--output", arguments->outputs,
+                   "Picture, .png or .svg; repeatable (default RUN/run.png and RUN/run.svg)")
+      ->type_name("FILE")
+      ->allow_extra_args(false)
+      ->check(NotEmpty());
+  AddFieldOptions(command, PlotFields(*arguments), settings);
+  command->callback([arguments, settings] {
+    ApplySettings(PlotFields(*arguments), *settings);
+    Plot(*arguments);
+  });
+}
+
+}  // namespace downpour
