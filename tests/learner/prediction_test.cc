@@ -8,6 +8,7 @@
 #include <numeric>
 #include <sstream>
 
+#include "engine/rollout/reward.h"
 #include "kernels/aligned.h"
 #include "kernels/philox/philox.h"
 #include "tests/learner/test_run.h"
@@ -87,7 +88,8 @@ TEST_CASE("prediction: trajectories are those of the exact posterior, one step a
       for (int e = 0; e < 2; ++e) CHECK(std::abs(recorded[e] - state[e]) <= 1e-9);
       if (step > 0) {
         const double reward = got.rewards[r * task.horizon + step - 1];
-        CHECK(SameBits(reward, ComputeReward(task, {recorded, 2})));
+        const double* const action = &got.inputs[(r * task.horizon + step - 1) * 3 + 2];
+        CHECK(SameBits(reward, ComputeReward(task, step - 1, {recorded, 2}, {action, 1})));
       }
       if (step == task.horizon) break;
       Eigen::VectorXd input(3);

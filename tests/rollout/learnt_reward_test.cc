@@ -118,7 +118,8 @@ TEST_CASE("learnt reward: states are sampled as without it") {
   const std::vector<StreamKey> keys = {{3, 9}};
   Evaluator a(with.task, *with.policy, with.factors, {});
   Evaluator b(without.task, *without.policy, without.factors, {});
-  CHECK(a.VisitedInputs(theta, keys) == b.VisitedInputs(theta, keys));
+  const std::vector<int> one(keys.size(), 1);
+  CHECK(a.Trace(theta, keys, one).inputs == b.Trace(theta, keys, one).inputs);
 }
 
 TEST_CASE("learnt reward: bits do not depend on threads, its queries count, groups are refused") {

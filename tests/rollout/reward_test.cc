@@ -110,7 +110,7 @@ TEST_CASE("reward: it sees the new state, its features, and the step and action 
   ComputeFeatures(f.task, f.task.start_mean, features);
   Evaluator evaluator(f.task, *f.policy, f.factors, means);
   const std::vector<double> visited =
-      evaluator.VisitedInputs(theta, std::vector<StreamKey>{StreamKey{1, 1}});
+      evaluator.Trace(theta, std::vector<StreamKey>{StreamKey{1, 1}}, std::vector<int>{1}).inputs;
   const Eigen::Map<const Eigen::VectorXd> input(visited.data(), 4);
   double state[2];
   for (int e = 0; e < 2; ++e) {
