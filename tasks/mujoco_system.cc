@@ -3,6 +3,7 @@
 
 #include <mujoco/mujoco.h>
 
+#include <algorithm>
 #include <cctype>
 #include <cerrno>
 #include <cmath>
@@ -165,6 +166,16 @@ class LoadedSystem final : public MujocoSystem {
     for (std::size_t i = 0; i < variables_.size(); ++i) *variables_[i] = state[i];
   }
 
+  void Place(std::span<const double> state) override {
+    if (!Stable()) mj_resetData(model_.get(), data_.get());
+    data_->time = 0;
+    std::copy_n(model_->qpos0, model_->nq, data_->qpos);
+    std::fill_n(data_->qvel, model_->nv, 0.0);
+    std::fill_n(data_->act, model_->na, 0.0);
+    std::fill_n(data_->qacc_warmstart, model_->nv, 0.0);
+    for (std::size_t i = 0; i < variables_.size(); ++i) *variables_[i] = state[i];
+  }
+
   void Step(std::span<const double> action, std::span<double> state) override {
     StepObserved(action, state, [] {});
   }
@@ -177,8 +188,7 @@ class LoadedSystem final : public MujocoSystem {
       observe();
     }
     // MuJoCo replaces what is not finite and goes on from there: not a state of this system.
-    const bool stable = !Warned(mjWARN_BADQPOS) && !Warned(mjWARN_BADQVEL) &&
-                        !Warned(mjWARN_BADQACC) && !Warned(mjWARN_BADCTRL);
+    const bool stable = Stable();
     for (std::size_t i = 0; i < variables_.size(); ++i) {
       state[i] = stable ? *variables_[i] : std::numeric_limits<double>::quiet_NaN();
     }
@@ -189,6 +199,10 @@ class LoadedSystem final : public MujocoSystem {
 
  private:
   bool Warned(mjtWarning warning) const { return data_->warning[warning].number > 0; }
+  bool Stable() const {
+    return !Warned(mjWARN_BADQPOS) && !Warned(mjWARN_BADQVEL) && !Warned(mjWARN_BADQACC) &&
+           !Warned(mjWARN_BADCTRL);
+  }
 
   ModelPtr model_;
   DataPtr data_;

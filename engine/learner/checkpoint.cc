@@ -12,6 +12,7 @@
 #include "engine/learner/checksum.h"
 #include "engine/learner/json_field.h"
 #include "engine/learner/learner_checks.h"
+#include "engine/rollout/dynamics_prior.h"
 #include "engine/rollout/policy.h"
 #include "engine/rollout/reward.h"
 
@@ -21,6 +22,7 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr const char* kFormat = "downpour checkpoint";
+constexpr const char* kPrior = "task.prior";  // a setting of runs with a prior
 constexpr int kMaxInt = std::numeric_limits<int>::max();
 constexpr std::int64_t kMaxInt64 = std::numeric_limits<std::int64_t>::max();
 
@@ -52,9 +54,10 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   static constexpr std::array kCommonRandomNumbers = {"off", "generation", "search"};
   // Named one by one, so that a new option does not compile until it is here.
   const auto& [episodes, random_episodes, until_solved, learn_reward, policy, seed, threads, model,
-               plan, search, rollout] = options;
+               prior, plan, search, rollout] = options;
   const auto& [kind, hidden_units, activation, points, make] = policy;
   const auto& [restarts, max_evaluations] = model;
+  const auto& [prior_evaluations] = prior;
   const auto& [variance_tolerance, mean_tolerance, backend] = plan;
   const auto& [use_variance, predict_noise, sample_clamp, rollout_threads] = rollout;
   const auto& [evaluations, population, rollouts, max_rollouts, concurrent, exploration, promotions,
@@ -100,16 +103,34 @@ Json Settings(const Task& task, const LearnerOptions& options) {
                     kCommonRandomNumbers.at(static_cast<std::size_t>(common_random_numbers))},
                    {"search.stop_lost_causes", stop_lost_causes}};
   settings.update(TaskSettings(task));
+  if (task.prior != nullptr) {
+    settings[kPrior] = task.prior->Describe();
+    settings["prior.evaluations"] = prior_evaluations;
+  }
   return settings;
 }
 
 void CheckSettings(const Json& wanted, const JsonField& found, const std::string& file) {
+  if (wanted.contains(kPrior) != found.value().contains(kPrior)) {
+    throw InvalidInput(
+        file + ": the run was made " + (wanted.contains(kPrior) ? "without" : "with") +
+        " a prior, the configuration says " + (wanted.contains(kPrior) ? "with" : "without") +
+        " one (prior.model): must be equal to resume");
+  }
   for (const auto& [name, value] : wanted.items()) {
     const Json& old = found[name.c_str()].value();
     if (old == value) continue;
     throw InvalidInput(file + ": the run was made with " + name + " = " + old.dump() +
                        ", the configuration says " + value.dump() + ": must be equal to resume");
   }
+}
+
+Json PriorToJson(const PriorRecord& prior) {
+  return {{"parameters", JsonNumbers(prior.parameters)},
+          {"log_likelihood", JsonNumber(prior.log_likelihood)},
+          {"evaluations", prior.evaluations},
+          {"step_nanoseconds", JsonNumber(prior.step_nanoseconds)},
+          {"search_share", JsonNumber(prior.search_share)}};
 }
 
 Json EpisodeToJson(const EpisodeRecord& record) {
@@ -139,32 +160,34 @@ Json EpisodeToJson(const EpisodeRecord& record) {
                      {"variance_error", JsonNumber(plan.variance_error)},
                      {"mean_error", JsonNumber(plan.mean_error)}});
   }
-  return {{"episode", record.episode},
-          {"random", record.random},
-          {"interaction_seconds", JsonNumber(record.interaction_seconds)},
-          {"points", record.points},
-          {"model_seconds", JsonNumber(record.model_seconds)},
-          {"search_seconds", JsonNumber(record.search_seconds)},
-          {"rollout_seconds", JsonNumber(record.rollout_seconds)},
-          {"evaluations", record.evaluations},
-          {"gp_queries", record.gp_queries},
-          {"diverged", record.diverged},
-          {"lane_fill", JsonNumber(record.lane_fill)},
-          {"idle_share", JsonNumber(record.idle_share)},
-          {"predicted_return", JsonNumber(record.predicted_return)},
-          {"real_return", JsonNumber(record.real_return)},
-          {"solved", record.solved},
-          {"steps", record.steps},
-          {"outcome", record.outcome},
-          {"policy", JsonNumbers(record.policy)},
-          {"hyperparameters", hyperparameters},
-          {"jitter", JsonNumbers(record.jitter)},
-          {"plans", plans},
-          {"plan_changes", record.plan_changes},
-          {"query_nanoseconds", JsonNumbers(record.query_nanoseconds)},
-          {"runs", runs},
-          {"simd_target", record.platform.simd_target},
-          {"blas_core", record.platform.blas_core}};
+  Json json = {{"episode", record.episode},
+               {"random", record.random},
+               {"interaction_seconds", JsonNumber(record.interaction_seconds)},
+               {"points", record.points},
+               {"model_seconds", JsonNumber(record.model_seconds)},
+               {"search_seconds", JsonNumber(record.search_seconds)},
+               {"rollout_seconds", JsonNumber(record.rollout_seconds)},
+               {"evaluations", record.evaluations},
+               {"gp_queries", record.gp_queries},
+               {"diverged", record.diverged},
+               {"lane_fill", JsonNumber(record.lane_fill)},
+               {"idle_share", JsonNumber(record.idle_share)},
+               {"predicted_return", JsonNumber(record.predicted_return)},
+               {"real_return", JsonNumber(record.real_return)},
+               {"solved", record.solved},
+               {"steps", record.steps},
+               {"outcome", record.outcome},
+               {"policy", JsonNumbers(record.policy)},
+               {"hyperparameters", hyperparameters},
+               {"jitter", JsonNumbers(record.jitter)},
+               {"plans", plans},
+               {"plan_changes", record.plan_changes},
+               {"query_nanoseconds", JsonNumbers(record.query_nanoseconds)},
+               {"runs", runs},
+               {"simd_target", record.platform.simd_target},
+               {"blas_core", record.platform.blas_core}};
+  if (record.prior) json["prior"] = PriorToJson(*record.prior);
+  return json;
 }
 
 Json TransitionToJson(const Transition& transition) {
@@ -205,6 +228,16 @@ PlanRecord PlanFromJson(const JsonField& field) {
   return plan;
 }
 
+PriorRecord PriorFromJson(const JsonField& field) {
+  PriorRecord prior;
+  prior.parameters = field["parameters"].Numbers();
+  prior.log_likelihood = field["log_likelihood"].Number();
+  prior.evaluations = field["evaluations"].Int(1, kMaxInt);
+  prior.step_nanoseconds = field["step_nanoseconds"].Number();
+  prior.search_share = field["search_share"].Number();
+  return prior;
+}
+
 EpisodeRecord EpisodeFromJson(const JsonField& field) {
   EpisodeRecord record;
   record.episode = field["episode"].Int(1, kMaxInt);
@@ -234,6 +267,7 @@ EpisodeRecord EpisodeFromJson(const JsonField& field) {
   record.plan_changes = field["plan_changes"].Int(0, kMaxInt);
   record.query_nanoseconds = field["query_nanoseconds"].Numbers();
   for (const JsonField& item : field["runs"].Items()) record.runs.push_back(RunFromJson(item));
+  if (field.value().contains("prior")) record.prior = PriorFromJson(field["prior"]);
   record.platform = {field["simd_target"].String(), field["blas_core"].String()};
   return record;
 }

@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "engine/learner/text_format.h"
+#include "engine/rollout/dynamics_prior.h"
 
 namespace downpour {
 namespace {
@@ -142,6 +143,35 @@ std::string PlansCsv(const std::vector<Variable>& outputs, const LearnerState& s
                  CsvField(plan.mean_error), std::to_string(record.plan_changes)},
                 &csv);
     }
+  }
+  return csv;
+}
+
+std::string PriorCsv(const Task& task, const LearnerState& state) {
+  std::vector<std::string> header = {"episode", "points", "log_likelihood", "evaluations"};
+  for (const PriorParameter& parameter : task.prior->parameters()) {
+    header.push_back(CsvField(ColumnName("", {parameter.name, parameter.unit})));
+  }
+  std::string csv;
+  AppendRow(header, &csv);
+  for (const EpisodeRecord& record : state.episodes) {
+    if (!record.prior) continue;
+    std::vector<std::string> row = {std::to_string(record.episode), std::to_string(record.points),
+                                    CsvField(record.prior->log_likelihood),
+                                    std::to_string(record.prior->evaluations)};
+    AppendNumbers(record.prior->parameters, &row);
+    AppendRow(row, &csv);
+  }
+  return csv;
+}
+
+std::string PriorTimingCsv(const LearnerState& state) {
+  std::string csv = "episode,step_time [ns],rollout_share\n";
+  for (const EpisodeRecord& record : state.episodes) {
+    if (!record.prior) continue;
+    AppendRow({std::to_string(record.episode), CsvField(record.prior->step_nanoseconds),
+               CsvField(record.prior->search_share)},
+              &csv);
   }
   return csv;
 }

@@ -17,6 +17,7 @@
 #include "engine/learner/plan_probes.h"
 #include "engine/learner/planned_model.h"
 #include "engine/learner/platform.h"
+#include "engine/learner/prior_fit.h"
 #include "engine/search/search_options.h"
 #include "kernels/philox/philox.h"
 
@@ -50,7 +51,7 @@ std::vector<double> FirstPolicy(const LearnerState& state, const Policy& policy)
 }
 
 // Inputs (features of the observation, action), targets next observation - observation (paper,
-// section III-B).
+// section III-B; LearnPrior has others).
 Dataset MakeDataset(const Task& task, std::span<const Transition> transitions) {
   Dataset data;
   const int n = static_cast<int>(transitions.size());
@@ -86,16 +87,19 @@ Dataset MakeRewardDataset(const Task& task, std::span<const Transition> transiti
   return data;
 }
 
+// Hyper-parameters of n outputs of the last model from `first_output` on; none without one.
+std::vector<Hyperparameters> WarmStart(const EpisodeRecord* last, int first_output, int n) {
+  if (last == nullptr) return {};
+  const auto first = last->hyperparameters.begin() + first_output;
+  return {first, first + n};
+}
+
 // Learns a GP for each output of `data`, which are those of the model from `first_output` on, and
-// appends them to `gps` and their numbers to the record.
-void LearnOutputs(const Dataset& data, int first_output, const LearnerOptions& options,
-                  const EpisodeRecord* last, const std::atomic<bool>* stop,
-                  std::vector<ExactGp>* gps, EpisodeRecord* record) {
-  std::vector<Hyperparameters> warm_start;
-  if (last != nullptr) {
-    const auto first = last->hyperparameters.begin() + first_output;
-    warm_start.assign(first, first + data.n_outputs());
-  }
+// appends them to `gps` and their numbers to the record. Returns the sum of log likelihoods.
+double LearnOutputs(const Dataset& data, int first_output, const LearnerOptions& options,
+                    const std::vector<Hyperparameters>& warm_start, const std::atomic<bool>* stop,
+                    std::vector<ExactGp>* gps, EpisodeRecord* record) {
+  double log_likelihood = 0;
   const std::vector<GpFit> fits = FitHyperparameters(data, warm_start, options.model, options.seed,
                                                      static_cast<std::uint32_t>(record->episode),
                                                      options.rollout.threads, stop, first_output);
@@ -104,7 +108,35 @@ void LearnOutputs(const Dataset& data, int first_output, const LearnerOptions& o
     gps->emplace_back(data.inputs, data.targets.col(e), fits[e].hyperparameters);
     const double signal_std = fits[e].hyperparameters.signal_std;
     record->jitter.push_back(gps->back().jitter() / (signal_std * signal_std));
+    log_likelihood += fits[e].log_likelihood;
   }
+  return log_likelihood;
+}
+
+// The parameters of the task's prior in the record; empty without one.
+std::span<const double> PriorParameters(const EpisodeRecord& record) {
+  if (!record.prior) return {};
+  return record.prior->parameters;
+}
+
+// Learns the parameters of the task's prior, puts the residuals in the place of the targets and
+// returns where to start their hyper-parameters.
+std::vector<Hyperparameters> LearnPrior(const Task& task, const LearnerOptions& options,
+                                        const LearnerState& state, const std::atomic<bool>* stop,
+                                        Dataset* data, EpisodeRecord* record) {
+  PriorFit last;
+  if (const EpisodeRecord* episode = LastLearnt(state)) {
+    last.hyperparameters = WarmStart(episode, 0, task.n_states());
+    last.parameters = episode->prior->parameters;
+  }
+  PriorFit fit =
+      FitPrior(*task.prior, state.transitions, data->inputs, last, options,
+               static_cast<std::uint32_t>(record->episode), options.rollout.threads, stop);
+  const std::unique_ptr<PriorPredictor> predictor = task.prior->MakePredictor();
+  predictor->SetParameters(fit.parameters);
+  data->targets = PriorResiduals(state.transitions, predictor.get());
+  record->prior = {.parameters = std::move(fit.parameters), .evaluations = fit.evaluations};
+  return std::move(fit.hyperparameters);
 }
 
 // Learns the model of all transitions so far and plans its queries; fills the record's model
@@ -113,16 +145,21 @@ PlannedModel LearnModel(const Task& task, const LearnerOptions& options, const L
                         const Policy& policy, const std::atomic<bool>* stop,
                         EpisodeRecord* record) {
   const auto start = std::chrono::steady_clock::now();
-  const Dataset data = MakeDataset(task, state.transitions);
+  Dataset data = MakeDataset(task, state.transitions);
   const EpisodeRecord* last = LastLearnt(state);
+  std::vector<Hyperparameters> warm_start =
+      task.prior ? LearnPrior(task, options, state, stop, &data, record)
+                 : WarmStart(last, 0, task.n_states());
   std::vector<ExactGp> gps;
-  LearnOutputs(data, 0, options, last, stop, &gps, record);
+  const double likelihood = LearnOutputs(data, 0, options, warm_start, stop, &gps, record);
+  if (record->prior) record->prior->log_likelihood = likelihood;
   if (options.learn_reward) {
-    LearnOutputs(MakeRewardDataset(task, state.transitions), task.n_states(), options, last, stop,
-                 &gps, record);
+    LearnOutputs(MakeRewardDataset(task, state.transitions), task.n_states(), options,
+                 WarmStart(last, task.n_states(), 1), stop, &gps, record);
   }
   PlannedModel model(std::move(gps), options.plan, options.rollout.threads);
-  Evaluator evaluator(task, policy, model.exact_factors(), options.rollout);
+  Evaluator evaluator(task, policy, model.exact_factors(), options.rollout,
+                      PriorParameters(*record));
   const Eigen::MatrixXd met =
       ProbeInputs(options.search, FirstPolicy(state, policy), options.seed,
                   static_cast<std::uint32_t>(record->episode), task.n_inputs(), &evaluator);
@@ -157,7 +194,7 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
                  const Policy& policy, const Learner::Callbacks& callbacks, PlannedModel* model,
                  EpisodeRecord* record) {
   const auto start = std::chrono::steady_clock::now();
-  Evaluator evaluator(task, policy, model->factors(), options.rollout);
+  Evaluator evaluator(task, policy, model->factors(), options.rollout, PriorParameters(*record));
   std::int64_t next_check = 0;
   EvaluatorStatistics told;
   const auto progress = [&](const PolicySearchProgress& search) {
@@ -193,6 +230,12 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
                              model->errors()[e].mean});
   }
   record->rollout_seconds = statistics.seconds;
+  if (record->prior) {
+    const double threads = options.rollout.threads;
+    record->prior->step_nanoseconds =
+        1e9 * statistics.prior_seconds / static_cast<double>(statistics.steps);
+    record->prior->search_share = statistics.prior_seconds / (threads * statistics.seconds);
+  }
   record->query_nanoseconds = model->TimeQueries();
   record->search_seconds = SecondsSince(start);
 }

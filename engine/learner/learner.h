@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,6 +18,13 @@
 
 namespace downpour {
 
+// Learning of the free parameters of a prior (Task::prior).
+struct PriorFitOptions {
+  // Parameters that a start may try, each with hyper-parameters of its own; [1, 10000]. There is
+  // one start at the last episode's parameters and as many random ones as GpFitOptions::restarts.
+  int evaluations = 100;
+};
+
 struct LearnerOptions {
   int episodes = 15;        // random ones included; [2, 1000]
   int random_episodes = 1;  // [1, 999], less than episodes
@@ -28,6 +36,7 @@ struct LearnerOptions {
   std::uint64_t seed = 0;
   int threads = 0;  // 0: all cores
   GpFitOptions model;
+  PriorFitOptions prior;
   QueryPlanOptions plan;
   PolicySearchOptions search;
   EvaluatorOptions rollout;
@@ -63,6 +72,17 @@ struct PlanRecord {
                               // difference from the fused kernel's exact fp64
   bool operator==(const PlanRecord&) const = default;
   double mean_error = 0;  // worst seen, |error| / sqrt(variance + noise variance)
+};
+
+// What became of the task's prior in an episode.
+struct PriorRecord {
+  std::vector<double> parameters;  // learnt values of DynamicsPrior::parameters
+  double log_likelihood = 0;       // of the residuals' model: the sum over the state variables
+  int evaluations = 0;             // parameters tried
+  // Measured by a clock over the search: of one prediction, and its share of threads x
+  // rollout_seconds.
+  double step_nanoseconds = 0;
+  double search_share = 0;
 };
 
 // How an episode ended: whole; by the system, early; or aborted, kAborted and then the step and
@@ -103,6 +123,7 @@ struct EpisodeRecord {
   // ns of one query of mean and variance by these plans on one thread, measured after the search.
   std::vector<double> query_nanoseconds;
   std::vector<RunRecord> runs;
+  std::optional<PriorRecord> prior;  // of an episode with a model, if the task has a prior
   Platform platform;
 };
 

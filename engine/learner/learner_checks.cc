@@ -7,6 +7,7 @@
 
 #include "engine/errors.h"
 #include "engine/learner/text_format.h"
+#include "engine/rollout/dynamics_prior.h"
 #include "engine/rollout/reward.h"
 
 namespace downpour {
@@ -78,6 +79,12 @@ void CheckEpisode(const std::string& name, const EpisodeRecord& record, const Ta
   CheckEach(name + ".policy", record.policy, record.random ? 0 : n_parameters, CheckFinite);
   CheckSize(name + ".hyperparameters", record.hyperparameters.size(), n_outputs);
   CheckEach(name + ".jitter", record.jitter, n_outputs, CheckNotNegative);
+  const bool has_prior = task.prior != nullptr && !record.random;
+  CheckEqual(name + ".prior", record.prior.has_value(), has_prior);
+  if (has_prior) {
+    CheckEach(name + ".prior.parameters", record.prior->parameters,
+              static_cast<int>(task.prior->parameters().size()), CheckFinite);
+  }
   CheckSize(name + ".plans", record.plans.size(), n_outputs);
   CheckSize(name + ".query_nanoseconds", record.query_nanoseconds.size(), record.plans.size());
   for (std::size_t e = 0; e < record.hyperparameters.size(); ++e) {
@@ -88,6 +95,18 @@ void CheckEpisode(const std::string& name, const EpisodeRecord& record, const Ta
               is_state ? task.n_inputs() : task.n_features(), CheckPositive);
     CheckPositive(output + ".signal_std", parameters.signal_std);
     CheckPositive(output + ".noise_std", parameters.noise_std);
+  }
+}
+
+void CheckPrior(const std::string& prefix, const DynamicsPrior& prior) {
+  for (const PriorParameter& p : prior.parameters()) {
+    if (std::isfinite(p.low) && std::isfinite(p.high) && p.low < p.high && p.initial >= p.low &&
+        p.initial <= p.high) {
+      continue;
+    }
+    throw InvalidInput(prefix + "prior: " + p.name + " = " + FormatNumber(p.initial) + " in [" +
+                       FormatNumber(p.low) + ", " + FormatNumber(p.high) +
+                       "]: must lie in a range of finite bounds, low < high");
   }
 }
 
@@ -114,6 +133,7 @@ void CheckOptions(const LearnerOptions& options) {
   CheckRange("learn.threads", options.threads, 0, 1024);
   CheckRange("model.restarts", options.model.restarts, 0, 100);
   CheckRange("model.max_evaluations", options.model.max_evaluations, 1, 100000);
+  CheckRange("prior.evaluations", options.prior.evaluations, 1, 10000);
   CheckNotNegative("rollout.sample_clamp", options.rollout.sample_clamp);
 }
 
@@ -138,6 +158,7 @@ void CheckTask(const Task& task) {
   CheckPositive(prefix + "control_period", task.control_period);
   if (!task.reward) throw InvalidInput(prefix + "reward is empty: must be one");
   if (!task.solved) throw InvalidInput(prefix + "solved is empty: must be a function");
+  if (task.prior != nullptr) CheckPrior(prefix, *task.prior);
   if (!task.make_system) throw InvalidInput(prefix + "make_system is empty: must be a function");
 }
 

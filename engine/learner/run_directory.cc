@@ -89,6 +89,10 @@ void RunDirectory::Write(const Learner& learner) const {
   WriteFileAtomically(path_ / "hyperparameters.csv",
                       HyperparametersCsv(learner.task(), outputs, state));
   WriteFileAtomically(path_ / "plans.csv", PlansCsv(outputs, state));
+  if (learner.task().prior != nullptr) {
+    WriteFileAtomically(path_ / "prior.csv", PriorCsv(learner.task(), state));
+    WriteFileAtomically(path_ / "prior_timing.csv", PriorTimingCsv(state));
+  }
   if (!state.episodes.empty()) WritePolicies(path_, learner);
   WriteCheckpoint(path_ / kCheckpoint, learner.task(), learner.options(), state);
 }

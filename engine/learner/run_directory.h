@@ -23,6 +23,8 @@ namespace downpour {
 //   policy.json              the last of them
 //   hyperparameters.csv      one row an episode, output and hyper-parameter
 //   plans.csv                one row an episode and output: how rollouts queried the model
+//   prior.csv                with a prior only: its parameters, one row an episode
+//   prior_timing.csv         with a prior only: what it cost
 //   checkpoint.json          the state (checkpoint.h), written last: what it holds is kept
 // Not thread-safe. One process at a time writes a directory, others may read it.
 class RunDirectory {

@@ -83,12 +83,6 @@ std::size_t LargestGpScratch(std::span<const QueryFactor> factors, int block_til
   return (bytes + sizeof(double) - 1) / sizeof(double);
 }
 
-// Tiles of kTileLanes lanes that hold n.
-int WholeTiles(int n) { return (n + kTileLanes - 1) / kTileLanes; }
-
-// Lanes of a tile that begins `before` lanes into a block of n.
-int TileLanes(int n, int before) { return std::min(kTileLanes, n - before); }
-
 // Builds the message only when it is needed: Evaluate does not allocate.
 template <typename Message>
 void Require(bool condition, const Message& message) {
@@ -98,8 +92,11 @@ void Require(bool condition, const Message& message) {
 }  // namespace
 
 Evaluator::Evaluator(const Task& task, const Policy& policy, std::span<const QueryFactor> factors,
-                     const EvaluatorOptions& options)
-    : task_(task), policy_(policy), options_(options) {
+                     const EvaluatorOptions& options, std::span<const double> prior_parameters)
+    : task_(task),
+      policy_(policy),
+      options_(options),
+      prior_(task.prior.get(), prior_parameters, std::max(options.threads, 1)) {
   Require(options.threads >= 1,
           [&] { return "threads = " + std::to_string(options.threads) + ": must be at least 1"; });
   SetFactors(factors);
@@ -140,11 +137,12 @@ void Evaluator::Evaluate(std::span<const double> parameters, std::span<const Str
                          std::span<const int> n_rollouts, std::span<const int> first_rollout,
                          std::span<double> returns, std::span<const CandidateGroup> groups) {
   const auto start = std::chrono::steady_clock::now();
-  const double busy = busy_seconds_;
+  const double busy = busy_seconds_, prior = prior_.seconds();
   Run({parameters, keys, n_rollouts, first_rollout, returns, nullptr}, groups);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   statistics_.seconds += elapsed.count();
   statistics_.idle_seconds += options_.threads * elapsed.count() - (busy_seconds_ - busy);
+  statistics_.prior_seconds += prior_.seconds() - prior;
   statistics_.diverged += std::count(returns.begin(), returns.end(), penalty_);
   statistics_.rollouts += std::ssize(returns);
 }
@@ -327,7 +325,8 @@ void Evaluator::SampleTile(int output, double limit, const TileScratch& s, doubl
                  values, s.alive);
 }
 
-void Evaluator::AdvanceTile(std::uint32_t step, const TileScratch& s) const {
+void Evaluator::AdvanceTile(std::uint32_t step, int n, const TileScratch& s) {
+  if (!prior_.empty()) prior_.Advance(n, s.inputs + task_.n_features() * kTileLanes, s.states);
   if (options_.use_variance) NormalTile(s.keys0, s.keys1, s.rollouts, step, n_outputs(), s.normals);
   for (int e = 0; e < task_.n_states(); ++e) {
     SampleTile(e, kStateLimit, s, s.states + e * kTileLanes);
@@ -380,7 +379,7 @@ void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, i
     }
     record(step);
     for (int e = 0; e < task_.n_states(); ++e) QueryBlock(e, n, tiles, gp_scratch);
-    for (const TileScratch& tile : tiles) AdvanceTile(step, tile);
+    for (int t = 0; t < n_tiles; ++t) AdvanceTile(step, TileLanes(n, t * kTileLanes), tiles[t]);
     if (learnt_reward()) QueryBlock(task_.n_states(), n, tiles, gp_scratch);
     for (const TileScratch& tile : tiles) RewardTile(step, tile);
   }

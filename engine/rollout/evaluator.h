@@ -10,6 +10,7 @@
 #include "engine/rollout/evaluator_statistics.h"
 #include "engine/rollout/lost_causes.h"
 #include "engine/rollout/policy.h"
+#include "engine/rollout/prior_pool.h"
 #include "engine/rollout/task.h"
 #include "engine/rollout/trajectories.h"
 #include "kernels/aligned.h"
@@ -32,7 +33,8 @@ struct EvaluatorOptions {
 // candidates.
 //
 // Rewards are the task's, or learnt: a GP on the features of the new state, sampled as the states
-// are (variable E of the step's stream).
+// are (variable E of the step's stream). With a prior (Task::prior) the next state is its
+// prediction from the state and the action plus what the model says, which is then the residual.
 //
 // A rollout whose state is not finite, or beyond kStateLimit (the vector sine's range), or whose
 // reward is not finite, or beyond Reward::kLimit, has diverged: it stops and its return is the
@@ -43,10 +45,10 @@ class Evaluator {
   static constexpr double kStateLimit = 30000;
 
   // factors: one a state variable, D = F + A, and after these, if the reward is learnt, its own,
-  // D = F. Task, policy and factors must outlive the evaluator. Throws InvalidInput if sizes
-  // disagree.
+  // D = F. prior_parameters: as many as the task's prior has. Task, policy and factors must outlive
+  // the evaluator. Throws InvalidInput if sizes disagree.
   Evaluator(const Task& task, const Policy& policy, std::span<const QueryFactor> factors,
-            const EvaluatorOptions& options);
+            const EvaluatorOptions& options, std::span<const double> prior_parameters = {});
 
   // Goes on with other factors, checked as in the constructor. Allocates.
   void SetFactors(std::span<const QueryFactor> factors);
@@ -109,8 +111,8 @@ class Evaluator {
   void QueryBlock(int output, int n, std::span<const TileScratch> tiles, double* gp_scratch) const;
   // Adds samples of an output to `values` (a row); lanes beyond +-limit die.
   void SampleTile(int output, double limit, const TileScratch& scratch, double* values) const;
-  // From the queries' answers to the next states and features.
-  void AdvanceTile(std::uint32_t step, const TileScratch& scratch) const;
+  // From the queries' answers for n lanes to the next states and features.
+  void AdvanceTile(std::uint32_t step, int n, const TileScratch& scratch);
   // Adds the rewards of the new states to the sums.
   void RewardTile(std::uint32_t step, const TileScratch& scratch) const;
   int n_outputs() const { return static_cast<int>(factors_.size()); }
@@ -120,6 +122,7 @@ class Evaluator {
   const Policy& policy_;
   std::span<const QueryFactor> factors_;
   EvaluatorOptions options_;
+  PriorPool prior_;
   double penalty_ = 0;  // return of a rollout that has diverged
   int block_tiles_ = 1;
   std::size_t tile_size_ = 0;     // doubles of scratch a tile

@@ -15,6 +15,7 @@ struct EvaluatorStatistics {
   // Wall time of the calls, and what of threads x seconds a thread spent without a tile; no result
   // depends on them.
   double seconds = 0, idle_seconds = 0;
+  double prior_seconds = 0;  // of all threads together, spent in the prior's predictions
 
   // What has been added since `earlier`.
   EvaluatorStatistics Since(const EvaluatorStatistics& earlier) const {
@@ -26,6 +27,7 @@ struct EvaluatorStatistics {
     since.diverged -= earlier.diverged;
     since.seconds -= earlier.seconds;
     since.idle_seconds -= earlier.idle_seconds;
+    since.prior_seconds -= earlier.prior_seconds;
     return since;
   }
   double LaneFill() const { return static_cast<double>(steps) / static_cast<double>(lane_steps); }

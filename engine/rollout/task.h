@@ -22,7 +22,8 @@ struct Variable {
   std::string unit;  // e.g. "rad"
 };
 
-class Reward;  // engine/rollout/reward.h
+class DynamicsPrior;  // engine/rollout/dynamics_prior.h
+class Reward;         // engine/rollout/reward.h
 
 // The real system, simulated or not. One object serves one thread.
 class System {
@@ -86,6 +87,13 @@ struct Task {
   std::string model_digest;
   // A new simulator of the real system. Throws InvalidInput if the MJCF cannot be used.
   std::function<std::unique_ptr<System>()> make_system;
+  // What the dynamics are expected to be; nullptr: no change of the state in a step.
+  std::shared_ptr<const DynamicsPrior> prior;
+  // A prior from a simulator model of the user's and the list of its free parameters (docs/
+  // priors.md). Throws InvalidInput if they cannot be used. Empty: the task knows none.
+  std::function<std::shared_ptr<const DynamicsPrior>(const std::string& mjcf_file,
+                                                     const std::string& free)>
+      make_prior;
 
   int n_states() const { return static_cast<int>(states.size()); }
   int n_features() const { return static_cast<int>(features.size()); }

@@ -8,6 +8,12 @@
 
 namespace downpour {
 
+// Tiles of kTileLanes lanes that hold n.
+inline int WholeTiles(int n) { return (n + kTileLanes - 1) / kTileLanes; }
+
+// Lanes of a tile that begins `before` lanes into a block of n.
+inline int TileLanes(int n, int before) { return std::min(kTileLanes, n - before); }
+
 // How the lanes of a batch are cut into tiles of at most kTileLanes, all but the last of whole
 // vectors: as even as can be, larger ones first, and as many as give every thread the same number.
 // Full tiles instead would leave one of two threads idle for two fifths of the time that 128 lanes

@@ -32,6 +32,7 @@ enum class StreamPurpose : std::uint32_t {
   kEvaluate = 10,
   kPlanProbe = 11,
   kPrediction = 12,
+  kPriorRestart = 13,
 };
 
 // Key of the stream at `path` (at most 8 coordinates, e.g. {episode, run, generation}) under

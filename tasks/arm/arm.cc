@@ -11,6 +11,7 @@
 #include "engine/rollout/task.h"
 #include "kernels/aligned.h"
 #include "tasks/model_digest.h"
+#include "tasks/mujoco_prior.h"
 #include "tasks/mujoco_system.h"
 #include "tasks/solved.h"
 
@@ -147,6 +148,7 @@ Task Make(const std::string& preset, const std::string& mjcf_file) {
   const MujocoSystemSpec spec = SystemSpec(mjcf_file, task);
   task.model_digest = ModelDigest(spec);
   task.make_system = [spec] { return MakeMujocoSystem(spec); };
+  task.make_prior = MujocoPriorMaker(spec);
   return task;
 }
 

@@ -281,7 +281,9 @@ ResolvedRun ResolveConfig(const std::vector<Setting>& settings) {
         fmt::format("no task given: must be one of {}", fmt::join(TaskNames(), ", ")));
   }
   // The run must find the file again when it is resumed from another directory.
-  if (!named.mjcf.empty()) named.mjcf = std::filesystem::absolute(named.mjcf).string();
+  for (std::string* file : {&named.mjcf, &named.prior.model}) {
+    if (!file->empty()) *file = std::filesystem::absolute(*file).string();
+  }
   ResolvedRun run{{}, MakeTask(named.task, named.preset, named.mjcf)};
   PolicySearchOptions& search = run.config.learner.search;
   search.bound = run.task.parameter_bound;
@@ -291,6 +293,7 @@ ResolvedRun ResolveConfig(const std::vector<Setting>& settings) {
   run.config.learner.learn_reward = run.task.learn_reward;
   ApplySettings(ConfigFields(run.config), settings);
   run.config.mjcf = named.mjcf;
+  run.config.prior.model = named.prior.model;
   int& points = run.config.learner.policy.points;
   if (points == 0) points = run.task.policy_points;
   if (run.config.observation_std >= 0) {

@@ -18,6 +18,12 @@ struct SystemConfig {
   double setup_timeout = 60;
 };
 
+// A mean function of the dynamics from a simulator model, if there is one (docs/priors.md).
+struct PriorConfig {
+  std::string model;  // MJCF file; empty: none
+  std::string free;   // list of its free parameters
+};
+
 // Everything that can be set for a run.
 struct RunConfig {
   std::string task;
@@ -26,6 +32,7 @@ struct RunConfig {
   double observation_std = -1;  // negative: the task's own
   LearnerOptions learner;
   SystemConfig system;
+  PriorConfig prior;
   std::string output_directory;
   bool quiet = false;
   bool json = false;

@@ -288,6 +288,30 @@ std::vector<Field> SystemFields(SystemConfig& system) {
   };
 }
 
+std::vector<Field> PriorFields(RunConfig& config) {
+  return {
+      {.key = "prior.model",
+       .option = "--prior",
+       .target = &config.prior.model,
+       .description = "MJCF file of a simulator that the dynamics are expected to follow "
+                      "(docs/priors.md); empty: none.",
+       .option_help =
+           "MJCF file of a simulator that the dynamics are expected to follow; the model "
+           "learns the rest (docs/priors.md)."},
+      {.key = "prior.free",
+       .option = "--prior-free",
+       .target = &config.prior.free,
+       .description = "Its parameters to be learnt, e.g. \"pole:mass=0.1..1, cart:damping=0..1\"; "
+                      "empty: none."},
+      {.key = "prior.evaluations",
+       .option = "",
+       .target = &config.learner.prior.evaluations,
+       .min = 1,
+       .max = 10000,
+       .description = "Values of its parameters that a start of their search may try."},
+  };
+}
+
 std::vector<Field> OutputFields(RunConfig& config) {
   return {
       {.key = "output.directory",
@@ -334,7 +358,7 @@ std::vector<Field> ConfigFields(RunConfig& config) {
   std::vector<Field> fields = RunFields(config);
   for (const auto& part :
        {SearchFields(config.learner.search), RolloutFields(config.learner.rollout),
-        SystemFields(config.system), OutputFields(config)}) {
+        SystemFields(config.system), PriorFields(config), OutputFields(config)}) {
     fields.insert(fields.end(), part.begin(), part.end());
   }
   return fields;

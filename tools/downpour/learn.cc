@@ -22,6 +22,7 @@
 #include "tools/downpour/commands.h"
 #include "tools/downpour/config.h"
 #include "tools/downpour/option_help.h"
+#include "tools/downpour/prior.h"
 #include "tools/downpour/progress.h"
 #include "tools/downpour/robot.h"
 #include "tools/downpour/shell.h"
@@ -89,6 +90,7 @@ OpenRun NewRun(const LearnArguments& arguments) {
   for (Setting& setting : CommandLineSettings(arguments)) settings.push_back(std::move(setting));
   ResolvedRun run = ResolveConfig(settings);
   UseRobot(run.config, &run.task);
+  UsePrior(run.config, &run.task);
   // The learner checks task and options before anything is written.
   Learner learner(run.task, run.config.learner);
   const std::filesystem::path path = run.config.output_directory.empty()
@@ -138,6 +140,7 @@ OpenRun ResumedRun(const LearnArguments& arguments) {
   settings.insert(settings.end(), given.begin(), given.end());
   ResolvedRun run = ResolveConfig(settings);
   UseRobot(run.config, &run.task);
+  UsePrior(run.config, &run.task);
   LearnerState state = directory.ReadState(run.task, run.config.learner);
   // A policy is written after the first checkpoint; starting anew would overwrite it.
   if (state.episodes.empty() && std::filesystem::exists(directory.path() / "policy.json")) {

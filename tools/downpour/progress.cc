@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "engine/errors.h"
+#include "engine/rollout/dynamics_prior.h"
 
 namespace downpour {
 namespace {
@@ -130,6 +131,23 @@ std::string PlanText(const EpisodeRecord& record) {
   const bool by_blas = record.plans.front().backend == QueryBackend::kBlas;
   return fmt::format("episode {}: plan {} of {} points{}", record.episode, outputs, record.points,
                      by_blas ? " by OpenBLAS" : "");
+}
+
+// One line that tells what became of the task's prior; "" if there is none.
+std::string PriorText(const Task& task, const EpisodeRecord& record) {
+  if (!record.prior) return "";
+  std::string listed;
+  for (std::size_t i = 0; i < record.prior->parameters.size(); ++i) {
+    const PriorParameter& parameter = task.prior->parameters()[i];
+    listed +=
+        fmt::format("{} {:.4g}{}{}, ", parameter.name, record.prior->parameters[i],
+                    parameter.unit == "1" ? "" : " ", parameter.unit == "1" ? "" : parameter.unit);
+  }
+  return fmt::format(
+      "episode {}: prior {}log likelihood {:.1f} ({} tried); {:.0f} ns a step, {:.0f} % of the "
+      "rollouts",
+      record.episode, listed, record.prior->log_likelihood, record.prior->evaluations,
+      record.prior->step_nanoseconds, 100 * record.prior->search_share);
 }
 
 // One line that tells how an episode was cut short; "" for a whole one.
@@ -294,8 +312,9 @@ void Progress::Search(const PolicySearchProgress& progress, const EvaluatorStati
 void Progress::Episode(const Learner& learner, const EpisodeRecord& record) {
   ClearLive();
   for (const std::string& text :
-       {JitterText(ModelOutputs(learner.task(), learner.options()), record), PlanText(record),
-        QueryTimeText(record), OutcomeText(learner.task(), record)}) {
+       {JitterText(ModelOutputs(learner.task(), learner.options()), record),
+        PriorText(learner.task(), record), PlanText(record), QueryTimeText(record),
+        OutcomeText(learner.task(), record)}) {
     if (!text.empty()) Line(text);
   }
   if (quiet_ && !json_) return;
