@@ -14,6 +14,7 @@
 
 #include "engine/errors.h"
 #include "engine/parallel_for.h"
+#include "engine/rollout/flush_subnormals.h"
 #include "engine/rollout/reward.h"
 #include "engine/rollout/tiling.h"
 #include "kernels/features/features.h"
@@ -351,6 +352,7 @@ void Evaluator::RewardTile(std::uint32_t step, const TileScratch& s) const {
 
 void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, int n,
                          double* scratch) {
+  const FlushSubnormals flush(!prior_.empty());
   std::array<TileScratch, kBlasTiles> all_tiles;
   const int n_tiles = WholeTiles(n);
   const std::span<TileScratch> tiles(all_tiles.data(), n_tiles);
