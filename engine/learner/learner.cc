@@ -236,7 +236,7 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
         1e9 * statistics.prior_seconds / static_cast<double>(statistics.steps);
     record->prior->search_share = statistics.prior_seconds / (threads * statistics.seconds);
   }
-  record->query_nanoseconds = model->TimeQueries();
+  record->query_nanoseconds = model->TimeQueries(record->prior.has_value());
   record->search_seconds = SecondsSince(start);
 }
 

@@ -9,6 +9,7 @@
 #include <variant>
 
 #include "engine/parallel_for.h"
+#include "engine/rollout/flush_subnormals.h"
 
 namespace downpour {
 
@@ -70,7 +71,7 @@ int PlannedModel::Check(const Eigen::MatrixXd& inputs) {
   return static_cast<int>(failed.size());
 }
 
-std::vector<double> PlannedModel::TimeQueries() const {
+std::vector<double> PlannedModel::TimeQueries(bool flush_subnormals) const {
   using Clock = std::chrono::steady_clock;
   constexpr std::chrono::milliseconds kEnough(1);
   AlignedVector<double> x(static_cast<std::size_t>(probes_.cols()) * kTileLanes);
@@ -86,6 +87,7 @@ std::vector<double> PlannedModel::TimeQueries() const {
   AlignedVector<char> scratch(bytes);
   AlignedVector<double> means(kTileLanes), variances(kTileLanes);
   std::vector<double> best(factors_.size(), std::numeric_limits<double>::infinity());
+  const FlushSubnormals flush(flush_subnormals);
   const Clock::time_point first = Clock::now();
   for (int round = 0; round < 2 || Clock::now() - first < kEnough; ++round) {
     for (std::size_t e = 0; e < factors_.size(); ++e) {

@@ -38,8 +38,9 @@ class PlannedModel {
 
   // Nanoseconds that one query of mean and variance takes by each output's present plan, on this
   // thread and in full tiles of probes: the best of some rounds in which the outputs take turns, as
-  // in rollouts. Takes about a millisecond, or two rounds. After Choose, with a probe at least.
-  std::vector<double> TimeQueries() const;
+  // in rollouts, which flush subnormal numbers if there is a prior. Takes about a millisecond, or
+  // two rounds. After Choose, with a probe at least.
+  std::vector<double> TimeQueries(bool flush_subnormals = false) const;
 
  private:
   void Plan(std::span<const int> outputs, const QueryPlanOptions& options);

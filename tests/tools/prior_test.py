@@ -2,9 +2,11 @@
 """Priors of the dynamics, by the command: options, files, threads, resume, refusals."""
 import csv
 import pathlib
+import sys
 import tomllib
 
-from command import Claims, contents, downpour, learn, results, scratch_directory, TINY
+from command import (Claims, contents, downpour, learn, PROGRAM, results, scratch_directory,
+                     TINY)
 
 TOP = pathlib.Path(__file__).resolve().parents[2]
 FREE = "pole:mass=0.2..2, pole:damping=0..0.1"
@@ -85,6 +87,14 @@ def threads():
                  result)
 
 
+def robot():
+    program = f"exec:{sys.executable} {TOP / 'tools' / 'robot_example.py'} {PROGRAM}"
+    learn(scratch / "robot", "--prior", prior_file(), "--prior-free", FREE, *SHORT, "--system",
+          program)
+    same = [(scratch / run / "prior.csv").read_text() for run in ("robot", "run")]
+    claims.check("a robot may have a prior: the same as on the simulator", same[0] == same[1])
+
+
 def resume():
     cut = scratch / "cut"
     two = ["2" if word == "4" else word for word in TINY]  # of the episodes
@@ -144,6 +154,7 @@ files()
 log()
 example()
 threads()
+robot()
 resume()
 refusals()
 claims.exit()
