@@ -10,6 +10,7 @@
 
 #include "engine/errors.h"
 #include "engine/rollout/dynamics_prior.h"
+#include "engine/rollout/flush_subnormals.h"
 #include "tests/rollout/swing_fixture.h"
 
 namespace downpour {
@@ -125,6 +126,21 @@ TEST_CASE("prior: its time is counted") {
   Returns(&fixture, nullptr, {}, {}, &statistics);
   CHECK(statistics.prior_seconds == 0);
 }
+
+#if defined(__SSE2__)
+TEST_CASE("flush_subnormals: as long as it lives, and only if it is on") {
+  const volatile double smallest = std::numeric_limits<double>::min();
+  CHECK(smallest / 2 > 0);
+  {
+    const FlushSubnormals flush(true);
+    CHECK(smallest / 2 == 0);
+    CHECK(smallest * 1 > 0);
+  }
+  CHECK(smallest / 2 > 0);
+  const FlushSubnormals off(false);
+  CHECK(smallest / 2 > 0);
+}
+#endif
 
 TEST_CASE("prior: another number of parameters is refused") {
   Fixture fixture;
