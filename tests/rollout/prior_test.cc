@@ -80,9 +80,10 @@ TEST_CASE("prior: one that predicts no change leaves every bit as it is without 
 }
 
 TEST_CASE("prior: what it predicts and what the model learns add up") {
-  // A model of the residual: that of the fixture less the prior.
+  // Constant changes of the velocity, which is rewarded; the prior knows a part of them.
   Fixture fixture(6, 30);
   const double drift = 0.25;
+  fixture.task.reward = MakeSaturatingReward(fixture.task.feature_names, {1, 0, 0}, {1}, 0.8);
   Eigen::MatrixXd inputs(1, 4);
   inputs << 0, 1, 0, 0;
   const Hyperparameters flat{{1e6, 1e6, 1e6, 1e6}, 1, 1e-8};
