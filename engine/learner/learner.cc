@@ -119,6 +119,14 @@ std::span<const double> PriorParameters(const EpisodeRecord& record) {
   return record.prior->parameters;
 }
 
+// Puts the residuals of the prior at these parameters in the place of the targets.
+void UseResiduals(const DynamicsPrior& prior, const std::vector<double>& parameters,
+                  std::span<const Transition> transitions, Dataset* data) {
+  const std::unique_ptr<PriorPredictor> predictor = prior.MakePredictor();
+  predictor->SetParameters(parameters);
+  data->targets = PriorResiduals(transitions, predictor.get());
+}
+
 // Learns the parameters of the task's prior, puts the residuals in the place of the targets and
 // returns where to start their hyper-parameters.
 std::vector<Hyperparameters> LearnPrior(const Task& task, const LearnerOptions& options,
@@ -132,9 +140,7 @@ std::vector<Hyperparameters> LearnPrior(const Task& task, const LearnerOptions& 
   PriorFit fit =
       FitPrior(*task.prior, state.transitions, data->inputs, last, options,
                static_cast<std::uint32_t>(record->episode), options.rollout.threads, stop);
-  const std::unique_ptr<PriorPredictor> predictor = task.prior->MakePredictor();
-  predictor->SetParameters(fit.parameters);
-  data->targets = PriorResiduals(state.transitions, predictor.get());
+  UseResiduals(*task.prior, fit.parameters, state.transitions, data);
   record->prior = {.parameters = std::move(fit.parameters), .evaluations = fit.evaluations};
   return std::move(fit.hyperparameters);
 }
@@ -279,7 +285,8 @@ std::vector<ExactGp> EpisodeModel(const Task& task, const std::vector<Transition
   const auto end = std::find_if(transitions.begin(), transitions.end(),
                                 [&](const Transition& t) { return t.episode >= record.episode; });
   const std::span<const Transition> earlier(transitions.begin(), end);
-  const Dataset data = MakeDataset(task, earlier);
+  Dataset data = MakeDataset(task, earlier);
+  if (record.prior) UseResiduals(*task.prior, record.prior->parameters, earlier, &data);
   std::vector<ExactGp> gps;
   for (int e = 0; e < data.n_outputs(); ++e) {
     gps.emplace_back(data.inputs, data.targets.col(e), record.hyperparameters[e]);

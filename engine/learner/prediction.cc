@@ -52,7 +52,8 @@ Prediction PredictEpisode(const Task& task, const LearnerOptions& options, const
   for (const ExactGp& gp : EpisodeModel(task, transitions, record)) factors.push_back(gp.Pack());
   EvaluatorOptions rollout = options.rollout;
   rollout.threads = 1;
-  Evaluator evaluator(task, policy, factors, rollout);
+  const std::vector<double> prior = record.prior ? record.prior->parameters : std::vector<double>();
+  Evaluator evaluator(task, policy, factors, rollout, prior);
   const StreamKey key = DeriveKey(options.seed, StreamPurpose::kPrediction,
                                   {static_cast<std::uint32_t>(record.episode)});
   Prediction prediction;

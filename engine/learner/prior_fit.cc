@@ -123,8 +123,7 @@ std::vector<double> Start(const PriorSearch& search, const PriorFit& last, int s
 
 }  // namespace
 
-Eigen::MatrixXd PriorResiduals(const std::vector<Transition>& transitions,
-                               PriorPredictor* predictor) {
+Eigen::MatrixXd PriorResiduals(std::span<const Transition> transitions, PriorPredictor* predictor) {
   const std::size_t n_states = transitions.front().observation.size();
   const std::size_t n_actions = transitions.front().action.size();
   const auto n = static_cast<int>(transitions.size());

@@ -14,8 +14,7 @@ namespace downpour {
 
 // What the Gaussian processes have to learn besides the prior (n x E): next observations less what
 // `predictor` says of the observations and actions. Allocates.
-Eigen::MatrixXd PriorResiduals(const std::vector<Transition>& transitions,
-                               PriorPredictor* predictor);
+Eigen::MatrixXd PriorResiduals(std::span<const Transition> transitions, PriorPredictor* predictor);
 
 // Free parameters of a prior and hyper-parameters of the residuals' model, found together.
 struct PriorFit {

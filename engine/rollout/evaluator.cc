@@ -93,11 +93,8 @@ void Require(bool condition, const Message& message) {
 }  // namespace
 
 Evaluator::Evaluator(const Task& task, const Policy& policy, std::span<const QueryFactor> factors,
-                     const EvaluatorOptions& options, std::span<const double> prior_parameters)
-    : task_(task),
-      policy_(policy),
-      options_(options),
-      prior_(task.prior.get(), prior_parameters, std::max(options.threads, 1)) {
+                     const EvaluatorOptions& options, std::span<const double> prior)
+    : task_(task), policy_(policy), options_(options), prior_(task, prior, options.threads) {
   Require(options.threads >= 1,
           [&] { return "threads = " + std::to_string(options.threads) + ": must be at least 1"; });
   SetFactors(factors);

@@ -45,10 +45,10 @@ class Evaluator {
   static constexpr double kStateLimit = 30000;
 
   // factors: one a state variable, D = F + A, and after these, if the reward is learnt, its own,
-  // D = F. prior_parameters: as many as the task's prior has. Task, policy and factors must outlive
-  // the evaluator. Throws InvalidInput if sizes disagree.
+  // D = F. prior: its parameters, as many as the task's prior has. Task, policy and factors must
+  // outlive the evaluator. Throws InvalidInput if sizes disagree.
   Evaluator(const Task& task, const Policy& policy, std::span<const QueryFactor> factors,
-            const EvaluatorOptions& options, std::span<const double> prior_parameters = {});
+            const EvaluatorOptions& options, std::span<const double> prior = {});
 
   // Goes on with other factors, checked as in the constructor. Allocates.
   void SetFactors(std::span<const QueryFactor> factors);

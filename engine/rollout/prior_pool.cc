@@ -3,6 +3,7 @@
 
 #include <omp.h>
 
+#include <algorithm>
 #include <chrono>
 #include <string>
 
@@ -10,14 +11,15 @@
 
 namespace downpour {
 
-PriorPool::PriorPool(const DynamicsPrior* prior, std::span<const double> parameters, int threads) {
+PriorPool::PriorPool(const Task& task, std::span<const double> parameters, int threads) {
+  const DynamicsPrior* const prior = task.prior.get();
   const std::size_t wanted = prior == nullptr ? 0 : prior->parameters().size();
   if (parameters.size() != wanted) {
     throw InvalidInput("prior: " + std::to_string(parameters.size()) + " parameters: must be " +
                        std::to_string(wanted));
   }
   if (prior == nullptr) return;
-  members_.resize(threads);
+  members_.resize(std::max(threads, 1));
   for (Member& member : members_) {
     member.predictor = prior->MakePredictor();
     member.predictor->SetParameters(parameters);

@@ -6,15 +6,16 @@
 #include <vector>
 
 #include "engine/rollout/dynamics_prior.h"
+#include "engine/rollout/task.h"
 
 namespace downpour {
 
 // A prior's predictors, one for each thread of a parallel region, and the time that they take.
 class PriorPool {
  public:
-  // At these parameters. No predictors if `prior` is nullptr. Throws InvalidInput if the prior has
-  // another number of parameters.
-  PriorPool(const DynamicsPrior* prior, std::span<const double> parameters, int threads);
+  // At these parameters; no predictors if the task has no prior. Throws InvalidInput if the prior
+  // has another number of parameters.
+  PriorPool(const Task& task, std::span<const double> parameters, int threads);
 
   bool empty() const { return members_.empty(); }
   // Replaces the states of a tile's first n lanes by what the calling thread's predictor says of

@@ -13,6 +13,7 @@
 
 #include "engine/learner/checkpoint.h"
 #include "engine/learner/csv_tables.h"
+#include "engine/learner/prediction.h"
 #include "tasks/registry.h"
 #include "tests/learner/test_run.h"
 
@@ -127,6 +128,11 @@ TEST_CASE("prior_fit: a prior that is the real system leaves no residual, and ro
   CHECK(residuals.cwiseAbs().maxCoeff() == 0);
   const EpisodeRecord& learnt = state.episodes[1];
   CHECK(learnt.predicted_return == learnt.real_return);
+  const auto policy = MakePolicy(task, options.policy);
+  const Prediction prediction =
+      PredictEpisode(task, options, *policy, state.transitions, learnt, 1);
+  CHECK(prediction.mean_return == learnt.real_return);
+  CHECK(prediction.trajectories.states[2 * 40 + 1] == state.transitions[79].next_state[1]);
   REQUIRE(learnt.prior.has_value());
   CHECK(learnt.prior->evaluations == 1);
 }

@@ -76,6 +76,11 @@ def example():
                  abs(float(row["cart:damping [N s/m]"]) - 0.1) < 0.05, row)
 
 
+def predict():
+    result = downpour("predict", scratch / "run", "--rollouts", "3")
+    claims.check("predict: rollouts of the model with its prior", result.returncode == 0, result)
+
+
 def threads():
     five = [*TINY[:-1], "5"]
     result = downpour("learn", "pendulum", "--out", scratch / "five", "--quiet", "--prior",
@@ -153,6 +158,7 @@ def refusals():
 files()
 log()
 example()
+predict()
 threads()
 robot()
 resume()

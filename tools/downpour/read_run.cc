@@ -8,6 +8,7 @@
 #include "engine/errors.h"
 #include "engine/learner/run_directory.h"
 #include "engine/learner/saved_policy.h"
+#include "tools/downpour/prior.h"
 
 namespace downpour {
 
@@ -17,6 +18,7 @@ ReadRun ReadRunDirectory(const std::string& path) {
   ReadRun run{directory.path(), ResolveConfig(ReadConfigFile(config)), {}};
   // A robot's run was with no model (UseRobot).
   if (!run.resolved.config.system.program.empty()) run.resolved.task.model_digest.clear();
+  UsePrior(run.resolved.config, &run.resolved.task);
   run.state = directory.ReadState(run.resolved.task, run.resolved.config.learner);
   if (run.state.episodes.empty()) {
     throw InvalidInput(fmt::format("{}: no finished episode; must have one at least", path));
