@@ -19,7 +19,7 @@
 namespace downpour {
 namespace {
 
-using ModelPtr = std::unique_ptr<mjModel, decltype(&mj_deleteModel)>;
+using ModelPtr = std::unique_ptr<mjModel, void (*)(mjModel*)>;
 using DataPtr = std::unique_ptr<mjData, decltype(&mj_deleteData)>;
 
 constexpr int kMaxSubsteps = 100000;
@@ -58,6 +58,10 @@ void InstallHandlers() {
   throw InvalidInput(OneLine(model_name + ": " + what));
 }
 
+std::string ModelName(const MujocoSystemSpec& spec) {
+  return spec.mjcf_file.empty() ? spec.name : spec.mjcf_file;
+}
+
 // MuJoCo names a missing file and a folder by error numbers only.
 void CheckReadable(const std::string& file) {
   errno = 0;
@@ -92,16 +96,18 @@ ModelPtr LoadModel(const MujocoSystemSpec& spec, const std::string& model_name) 
   return ModelPtr(model, &mj_deleteModel);
 }
 
-// Ids of exactly the objects named; `kind` is "joint" or "actuator".
+// Ids of exactly the objects named, or, with others, of them; `kind` is "joint" or "actuator".
 std::vector<int> FindAll(const mjModel& model, mjtObj type, int n_in_model, const std::string& kind,
-                         const std::vector<std::string>& names, const std::string& model_name) {
-  const std::string allowed = "; allowed: exactly the " + kind + "s " + Listed(names);
+                         const std::vector<std::string>& names, bool others,
+                         const std::string& model_name) {
+  const std::string allowed =
+      "; allowed: " + std::string(others ? "" : "exactly ") + "the " + kind + "s " + Listed(names);
   std::vector<int> ids;
   for (const std::string& name : names) {
     ids.push_back(mj_name2id(&model, type, name.c_str()));
     if (ids.back() < 0) Fail(model_name, "has no " + kind + " named " + name + allowed);
   }
-  if (n_in_model != static_cast<int>(names.size())) {
+  if (!others && n_in_model != static_cast<int>(names.size())) {
     Fail(model_name, "has " + std::to_string(n_in_model) + " " + kind + "s" + allowed);
   }
   return ids;
@@ -140,10 +146,10 @@ class LoadedSystem final : public MujocoSystem {
  public:
   LoadedSystem(const MujocoSystemSpec& spec, const std::string& model_name)
       : model_(LoadModel(spec, model_name)), data_(mj_makeData(model_.get()), &mj_deleteData) {
-    const std::vector<int> joints =
-        FindAll(*model_, mjOBJ_JOINT, model_->njnt, "joint", spec.joints, model_name);
+    const std::vector<int> joints = FindAll(*model_, mjOBJ_JOINT, model_->njnt, "joint",
+                                            spec.joints, spec.other_joints, model_name);
     actuators_ =
-        FindAll(*model_, mjOBJ_ACTUATOR, model_->nu, "actuator", spec.actuators, model_name);
+        FindAll(*model_, mjOBJ_ACTUATOR, model_->nu, "actuator", spec.actuators, false, model_name);
     CheckControlRanges(*model_, actuators_, spec, model_name);
     for (std::size_t i = 0; i < joints.size(); ++i) {
       const int type = model_->jnt_type[joints[i]];
@@ -154,6 +160,13 @@ class LoadedSystem final : public MujocoSystem {
     }
     n_substeps_ = CountSubsteps(spec.control_period, model_->opt.timestep, model_name);
     for (const JointState& state : spec.states) {
+      if (!state.sensor.empty() || !state.site.empty()) {
+        follows_.push_back(true);
+        variables_.push_back(state.site.empty() ? SensorReading(state, model_name)
+                                                : SitePlace(state, model_name));
+        continue;
+      }
+      follows_.push_back(false);
       const int joint = joints[state.joint];
       variables_.push_back(state.quantity == JointQuantity::kPosition
                                ? data_->qpos + model_->jnt_qposadr[joint]
@@ -163,7 +176,15 @@ class LoadedSystem final : public MujocoSystem {
 
   void Reset(std::span<const double> state) override {
     mj_resetData(model_.get(), data_.get());
-    for (std::size_t i = 0; i < variables_.size(); ++i) *variables_[i] = state[i];
+    for (std::size_t i = 0; i < variables_.size(); ++i) {
+      if (!follows_[i]) *variables_[i] = state[i];
+    }
+  }
+
+  void Begin(int, std::span<const double> start, std::span<double> state) override {
+    Reset(start);
+    UpdateFollowing();
+    for (std::size_t i = 0; i < variables_.size(); ++i) state[i] = *variables_[i];
   }
 
   void Place(std::span<const double> state) override {
@@ -187,6 +208,7 @@ class LoadedSystem final : public MujocoSystem {
       mj_step(model_.get(), data_.get());
       observe();
     }
+    UpdateFollowing();
     // MuJoCo replaces what is not finite and goes on from there: not a state of this system.
     const bool stable = Stable();
     for (std::size_t i = 0; i < variables_.size(); ++i) {
@@ -198,6 +220,29 @@ class LoadedSystem final : public MujocoSystem {
   mjData& data() override { return *data_; }
 
  private:
+  double* SensorReading(const JointState& state, const std::string& model_name) const {
+    const int sensor = mj_name2id(model_.get(), mjOBJ_SENSOR, state.sensor.c_str());
+    if (sensor < 0) Fail(model_name, "has no sensor named " + state.sensor);
+    if (state.component >= model_->sensor_dim[sensor]) {
+      Fail(model_name, "sensor " + state.sensor + " has " +
+                           std::to_string(model_->sensor_dim[sensor]) +
+                           " numbers; allowed: a component, from 0, below that");
+    }
+    return data_->sensordata + model_->sensor_adr[sensor] + state.component;
+  }
+
+  double* SitePlace(const JointState& state, const std::string& model_name) const {
+    const int site = mj_name2id(model_.get(), mjOBJ_SITE, state.site.c_str());
+    if (site < 0) Fail(model_name, "has no site named " + state.site);
+    return data_->site_xpos + 3 * site + state.component;
+  }
+
+  // mj_step leaves them as they were before the last timestep.
+  void UpdateFollowing() {
+    if (std::find(follows_.begin(), follows_.end(), true) == follows_.end()) return;
+    mj_forward(model_.get(), data_.get());
+  }
+
   bool Warned(mjtWarning warning) const { return data_->warning[warning].number > 0; }
   bool Stable() const {
     return !Warned(mjWARN_BADQPOS) && !Warned(mjWARN_BADQVEL) && !Warned(mjWARN_BADQACC) &&
@@ -207,16 +252,21 @@ class LoadedSystem final : public MujocoSystem {
   ModelPtr model_;
   DataPtr data_;
   std::vector<double*> variables_;  // into data_, in the order of the state
+  std::vector<bool> follows_;       // from the joints: sensors and sites
   std::vector<int> actuators_;
   int n_substeps_ = 0;
 };
 
 }  // namespace
 
+ModelPtr LoadMujocoModel(const MujocoSystemSpec& spec) {
+  InstallHandlers();
+  return LoadModel(spec, ModelName(spec));
+}
+
 std::unique_ptr<MujocoSystem> MakeMujocoSystem(const MujocoSystemSpec& spec) {
   InstallHandlers();
-  const std::string model_name = spec.mjcf_file.empty() ? spec.name : spec.mjcf_file;
-  return std::make_unique<LoadedSystem>(spec, model_name);
+  return std::make_unique<LoadedSystem>(spec, ModelName(spec));
 }
 
 }  // namespace downpour

@@ -14,11 +14,14 @@ struct mjData_;
 
 namespace downpour {
 
-// One state variable of a system: the position or the velocity of joints[joint].
+// One state variable of a system: the position or the velocity of joints[joint], or, where a name
+// is given, `component` of that sensor's reading or of that site's place in the world (m).
 enum class JointQuantity { kPosition, kVelocity };
 struct JointState {
   int joint;
   JointQuantity quantity;
+  std::string sensor = "", site = "";
+  int component = 0;
 };
 
 // A MuJoCo model as a downpour::System. Joints are slides (m) or hinges (rad, not wrapped).
@@ -27,11 +30,16 @@ struct MujocoSystemSpec {
   std::string mjcf;                    // the built-in model, MJCF text
   std::string mjcf_file;               // read instead of `mjcf` when not empty
   std::vector<std::string> joints;     // all joints of the model, by name
+  bool other_joints = false;           // the model may have joints besides: they are no states
   std::vector<JointState> states;      // in the order of Task::states
   std::vector<std::string> actuators;  // all actuators, by name, in the order of Task::actions
   std::vector<double> action_limits;   // Task::action_limits
   double control_period = 0.1;         // s, a whole number of the model's timesteps
 };
+
+// The compiled model of spec.mjcf_file or spec.mjcf alone, whatever is in it. Throws InvalidInput,
+// one line with the model's name, if it cannot be read or compiled. Thread-safe.
+std::unique_ptr<mjModel_, void (*)(mjModel_*)> LoadMujocoModel(const MujocoSystemSpec& spec);
 
 // What MakeMujocoSystem returns, for those who want to look at it.
 class MujocoSystem : public System {
@@ -52,7 +60,10 @@ class MujocoSystem : public System {
 // Throws InvalidInput, one line with the model's name, if the MJCF cannot be read or compiled, if
 // its joints or actuators are not exactly those named, if an actuator's limited control range is
 // narrower than the action limits, if a joint is no slide or hinge, or if its timestep does not
-// divide the control period.
+// divide the control period; for a sensor or site that the model lacks, too.
+//
+// Joints that are no states start where the model has them, at rest. Sensors and sites follow from
+// the joints: Reset takes no notice of their states, and Begin writes what they are.
 //
 // Step writes NaN to every state variable when MuJoCo finds the simulation unstable (a position,
 // velocity, acceleration or action that is not finite or is beyond 1e10), and goes on doing so

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "engine/errors.h"
+#include "tasks/toml_task/toml_task.h"
 
 // All tasks, one line each: tasks/<name>/<name>.cc defines downpour::<name>::Make().
 #define DOWNPOUR_TASKS(TASK) \
@@ -40,6 +41,10 @@ std::vector<std::string> TaskNames() {
 }
 
 Task MakeTask(const std::string& name, const std::string& preset, const std::string& mjcf_file) {
+  if (IsTaskFile(name)) {
+    if (preset == "paper") return LoadTomlTask(name, mjcf_file);
+    throw InvalidInput("preset = " + preset + ": must be left out: " + name + " has none");
+  }
   const Entry* entry = std::find_if(std::begin(kTasks), std::end(kTasks),
                                     [&](const Entry& task) { return name == task.name; });
   if (entry == std::end(kTasks)) {

@@ -11,8 +11,9 @@ namespace downpour {
 // Names of all tasks, in the order of the registry.
 std::vector<std::string> TaskNames();
 
-// A task by name. `preset` is "paper" or "original-code"; `mjcf_file` replaces the task's built-in
-// MJCF when not empty (same joints and actuators). Throws InvalidInput that names what is allowed.
+// A task by name, or from a file whose name ends in .toml (toml_task.h). `preset` is "paper" or
+// "original-code", of a file "paper" alone; `mjcf_file` replaces the task's own MJCF when not empty
+// (same joints and actuators). Throws InvalidInput that names what is allowed.
 Task MakeTask(const std::string& name, const std::string& preset = "paper",
               const std::string& mjcf_file = "");
 

@@ -14,8 +14,8 @@
 
 #include "engine/errors.h"
 #include "engine/learner/atomic_file.h"
+#include "engine/learner/suggest.h"
 #include "tasks/registry.h"
-#include "tools/downpour/suggest.h"
 
 namespace downpour {
 namespace {
@@ -138,7 +138,9 @@ struct Assign {
   }
   bool operator()(std::string* target) const {
     const auto* value = std::get_if<std::string>(&setting.value);
-    if (value == nullptr || (!field.choices.empty() && Choice(*value) < 0)) return false;
+    if (value == nullptr) return false;
+    const bool is_file = !field.ending.empty() && value->ends_with(field.ending);
+    if (!field.choices.empty() && !is_file && Choice(*value) < 0) return false;
     *target = *value;
     return true;
   }

@@ -52,6 +52,7 @@ struct Field {
   double max = 0;
   bool above_min = false;                 // min itself is not allowed
   std::vector<std::string> choices = {};  // strings (empty: any) and enums (in their order)
+  std::string ending = {};                // of strings that are allowed besides the choices
   std::string description;                // one sentence
   std::string option_help = {};           // of the option, where the description is not
   bool saved = true;                      // part of a run's config.toml

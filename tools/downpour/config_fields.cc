@@ -15,7 +15,8 @@ std::vector<Field> RunFields(RunConfig& config) {
        .option = "",
        .target = &config.task,
        .choices = TaskNames(),
-       .description = "Task to learn; downpour tasks lists them."},
+       .ending = ".toml",
+       .description = "Task to learn, downpour tasks lists them, or the file of one's own."},
       {.key = "preset",
        .option = "--preset",
        .target = &config.preset,
@@ -348,7 +349,8 @@ struct RangeText {
   std::string operator()(std::vector<int>*) const { return Range("integers"); }
   std::string operator()(void*) const {
     if (field.choices.empty()) return "a string";
-    return fmt::format("one of {}", fmt::join(field.choices, ", "));
+    return fmt::format("one of {}{}", fmt::join(field.choices, ", "),
+                       field.ending.empty() ? "" : ", or a file NAME" + field.ending);
   }
 };
 

@@ -14,8 +14,8 @@
 
 #include "engine/errors.h"
 #include "engine/gp/process_settings.h"
+#include "engine/learner/suggest.h"
 #include "tools/downpour/commands.h"
-#include "tools/downpour/suggest.h"
 
 namespace downpour {
 namespace {

@@ -1,8 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tools/downpour/suggest.h"
-
-#include <fmt/format.h>
-#include <fmt/ranges.h>
+#include "engine/learner/suggest.h"
 
 #include <algorithm>
 #include <cstddef>
@@ -43,8 +40,10 @@ bool IsSlip(const std::string& name, const std::string& allowed) {
 
 std::string Suggest(const std::string& name, const std::vector<std::string>& allowed) {
   const std::string closest = ClosestName(name, allowed);
-  if (!name.empty() && IsSlip(name, closest)) return fmt::format("did you mean {}?", closest);
-  return fmt::format("allowed: {}", fmt::join(allowed, ", "));
+  if (!name.empty() && IsSlip(name, closest)) return "did you mean " + closest + "?";
+  std::string list;
+  for (const std::string& each : allowed) list += (list.empty() ? "allowed: " : ", ") + each;
+  return list;
 }
 
 }  // namespace downpour
