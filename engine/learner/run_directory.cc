@@ -23,9 +23,22 @@ bool IsEmpty(const fs::path& directory, std::error_code* error) {
   const std::string leftover = kConfig + std::string(kTemporarySuffix);
   for (fs::directory_iterator entry(directory, *error), end; !*error && entry != end;
        entry.increment(*error)) {
-    if (entry->path().filename() != leftover) return false;
+    const fs::path name = entry->path().filename();
+    if (name != leftover && name != kTaskFolder) return false;
   }
   return true;
+}
+
+void WriteCopies(const fs::path& folder, const std::vector<FileCopy>& copies) {
+  for (const FileCopy& copy : copies) {
+    const fs::path path = folder / copy.path;
+    std::error_code error;
+    fs::create_directories(path.parent_path(), error);
+    if (error) {
+      throw FileError(path.parent_path().string() + ": cannot create: " + error.message());
+    }
+    WriteFileAtomically(path, copy.text);
+  }
 }
 
 void WritePolicies(const fs::path& directory, const Learner& learner) {
@@ -39,7 +52,8 @@ void WritePolicies(const fs::path& directory, const Learner& learner) {
 
 }  // namespace
 
-RunDirectory RunDirectory::Create(const fs::path& path, const std::string& config_toml) {
+RunDirectory RunDirectory::Create(const fs::path& path, const std::string& config_toml,
+                                  const std::vector<FileCopy>& task_files) {
   std::error_code error;
   const fs::file_status status = fs::status(path, error);
   if (fs::exists(status) && !fs::is_directory(status)) {
@@ -54,6 +68,7 @@ RunDirectory RunDirectory::Create(const fs::path& path, const std::string& confi
     throw InvalidInput(path.string() + ": is not empty: use --resume " + path.string() +
                        " to go on with the run in it, or another --out");
   }
+  WriteCopies(path / kTaskFolder, task_files);
   WriteFileAtomically(path / kConfig, config_toml);
   return RunDirectory(path, std::move(lock));
 }

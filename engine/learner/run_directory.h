@@ -5,15 +5,26 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "engine/learner/directory_lock.h"
 #include "engine/learner/learner.h"
 
 namespace downpour {
 
+// A text file; the path is from the folder that it is to lie in.
+struct FileCopy {
+  std::filesystem::path path;
+  std::string text;
+};
+
+// The folder of a run directory that a task's own files are in.
+inline constexpr const char* kTaskFolder = "task";
+
 // The directory of one run. Every file is text and replaced atomically; numbers have the digits
 // that give the same double back, a NaN in a CSV file is an empty field. Files:
 //   config.toml              the resolved configuration, as the caller handed it in
+//   task/                    copies of a task's own files, if it is made of any
 //   episodes.csv             one row an episode; no clock in it: the same bytes for any thread
 //                            count and after a resume
 //   timing.csv               one row an episode: seconds of model learning and search, queries/s,
@@ -29,10 +40,12 @@ namespace downpour {
 // Not thread-safe. One process at a time writes a directory, others may read it.
 class RunDirectory {
  public:
-  // Makes `path`, parents included, takes its lock and writes config.toml. Throws InvalidInput if
-  // `path` is a directory with files in it (an existing run is never overwritten) or no directory,
-  // or if another process holds its lock; FileError if it cannot be made or written.
-  static RunDirectory Create(const std::filesystem::path& path, const std::string& config_toml);
+  // Makes `path`, parents included, takes its lock and writes the copies and config.toml, last.
+  // Throws InvalidInput if `path` is a directory with files in it (an existing run is never
+  // overwritten) or no directory, or if another process holds its lock; FileError if it cannot be
+  // made or written.
+  static RunDirectory Create(const std::filesystem::path& path, const std::string& config_toml,
+                             const std::vector<FileCopy>& task_files = {});
 
   // An existing run, to be read only. Throws InvalidInput if `path` is no directory with a
   // config.toml.

@@ -43,7 +43,8 @@ def contents(directory):
 
 def results(directory):
     """Name -> text of every file of a run, without what a clock has written."""
-    files = {path.name: path.read_text() for path in pathlib.Path(directory).iterdir()}
+    files = {path.name: path.read_text() for path in pathlib.Path(directory).iterdir()
+             if path.is_file()}
     del files["timing.csv"]
     files.pop("prior_timing.csv", None)
     payload = json.loads(files["checkpoint.json"])["payload"]

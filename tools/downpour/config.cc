@@ -11,11 +11,13 @@
 #include <limits>
 #include <sstream>
 #include <type_traits>
+#include <utility>
 
 #include "engine/errors.h"
 #include "engine/learner/atomic_file.h"
 #include "engine/learner/suggest.h"
 #include "tasks/registry.h"
+#include "tasks/toml_task/toml_task.h"
 
 namespace downpour {
 namespace {
@@ -91,6 +93,11 @@ void Flatten(const std::vector<Field>& fields, const std::string& path, const st
     }
     FindField(fields, origin, key);
     settings->push_back(FromNode(origin, key, node));
+    auto* const value = std::get_if<std::string>(&settings->back().value);
+    if (key == "task" && value != nullptr && IsTaskFile(*value)) {
+      const std::filesystem::path folder = std::filesystem::path(path).parent_path();
+      *value = (folder / *value).lexically_normal().string();
+    }
   }
 }
 
@@ -199,6 +206,13 @@ std::string Trimmed(const std::string& text) {
   return text.substr(first, text.find_last_not_of(' ') - first + 1);
 }
 
+// The task, a file by its full path.
+std::string TaskName(const Setting& setting) {
+  const std::string& name = std::get<std::string>(setting.value);
+  if (!IsTaskFile(name)) return name;
+  return std::filesystem::absolute(name).lexically_normal().string();
+}
+
 // The settings of one task do not suit another: a run's config.toml holds the task's own bounds.
 // The settings must have been applied.
 void CheckOneTask(const std::vector<Setting>& settings) {
@@ -206,7 +220,7 @@ void CheckOneTask(const std::vector<Setting>& settings) {
   for (const Setting& setting : settings) {
     if (setting.key != "task") continue;
     if (first == nullptr) first = &setting;
-    if (setting.value == first->value) continue;
+    if (TaskName(setting) == TaskName(*first)) continue;
     throw InvalidInput(fmt::format("{}: task = {}: must be {}, as {} has it, or left out",
                                    setting.origin, std::get<std::string>(setting.value),
                                    std::get<std::string>(first->value), first->origin));
@@ -286,7 +300,9 @@ ResolvedRun ResolveConfig(const std::vector<Setting>& settings) {
   for (std::string* file : {&named.mjcf, &named.prior.model}) {
     if (!file->empty()) *file = std::filesystem::absolute(*file).string();
   }
-  ResolvedRun run{{}, MakeTask(named.task, named.preset, named.mjcf)};
+  // Not among the initialisers: GCC 12 destroys the others twice when one of them throws.
+  Task task = MakeTask(named.task, named.preset, named.mjcf);
+  ResolvedRun run{{}, std::move(task)};
   PolicySearchOptions& search = run.config.learner.search;
   search.bound = run.task.parameter_bound;
   search.first_sigma = run.task.search_first_sigma;

@@ -26,7 +26,8 @@ struct PriorConfig {
 
 // Everything that can be set for a run.
 struct RunConfig {
-  std::string task;
+  std::string task;         // a name, or the path of a TOML file
+  std::string task_source;  // what that file is a copy of; empty: of none
   std::string preset = "paper";
   std::string mjcf;
   double observation_std = -1;  // negative: the task's own
@@ -80,8 +81,8 @@ struct Setting {
   std::string text;
 };
 
-// All keys of a TOML file. Throws FileError if it cannot be read, InvalidInput with file and line
-// for a syntax error or an unknown key or table.
+// All keys of a TOML file; a task's file is named from its folder. Throws FileError if it cannot be
+// read, InvalidInput with file and line for a syntax error or an unknown key or table.
 std::vector<Setting> ReadConfigFile(const std::string& path);
 
 // `text` for `field`, read as a TOML value where the field is no string.

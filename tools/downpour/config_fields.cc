@@ -17,6 +17,11 @@ std::vector<Field> RunFields(RunConfig& config) {
        .choices = TaskNames(),
        .ending = ".toml",
        .description = "Task to learn, downpour tasks lists them, or the file of one's own."},
+      {.key = "task_source",
+       .option = "",
+       .target = &config.task_source,
+       .description = "What task, as a file of a run, is a copy of: --resume refuses if it has "
+                      "changed since; empty: nothing."},
       {.key = "preset",
        .option = "--preset",
        .target = &config.preset,

@@ -19,6 +19,8 @@
 #include "engine/learner/atomic_file.h"
 #include "engine/learner/platform.h"
 #include "engine/learner/run_directory.h"
+#include "tasks/toml_task/task_copy.h"
+#include "tasks/toml_task/toml_task.h"
 #include "tools/downpour/commands.h"
 #include "tools/downpour/config.h"
 #include "tools/downpour/option_help.h"
@@ -30,6 +32,8 @@
 
 namespace downpour {
 namespace {
+
+namespace fs = std::filesystem;
 
 // One option of the table of fields, as given.
 struct OptionValue {
@@ -77,11 +81,37 @@ std::vector<Setting> CommandLineSettings(const LearnArguments& arguments) {
 }
 
 // runs/TASK-seedSEED, or with -2, -3, ... behind it if that is there.
-std::filesystem::path DefaultDirectory(const RunConfig& config) {
-  const std::string base = fmt::format("runs/{}-seed{}", config.task, config.learner.seed);
-  std::filesystem::path path = base;
-  for (int i = 2; std::filesystem::exists(path); ++i) path = fmt::format("{}-{}", base, i);
+fs::path DefaultDirectory(const std::string& task, const RunConfig& config) {
+  const std::string base = fmt::format("runs/{}-seed{}", task, config.learner.seed);
+  fs::path path = base;
+  for (int i = 2; fs::exists(path); ++i) path = fmt::format("{}-{}", base, i);
   return path;
+}
+
+// config.toml of the run at `path`: its copy of a task's file is named from there.
+std::string SavedConfig(RunConfig config, const fs::path& path) {
+  if (IsTaskFile(config.task)) {
+    config.task =
+        fs::path(config.task).lexically_normal().lexically_relative(path.lexically_normal());
+  }
+  return WriteConfig(config);
+}
+
+// A run goes on with its own copy of the task's file. One who has changed the original since would
+// expect something else.
+void CheckTaskFile(const RunConfig& config, const std::string& given, const fs::path& run) {
+  if (!IsTaskFile(config.task)) return;
+  const fs::path folder = (run / kTaskFolder).lexically_normal();
+  const fs::path path = fs::path(config.task).lexically_relative(folder);
+  for (const std::string& source : {given, config.task_source}) {
+    if (source.empty()) continue;
+    const std::string changed = ChangedSince(config.task, path, fs::absolute(source));
+    if (changed.empty()) continue;
+    throw InvalidInput(
+        fmt::format("{}: differs from the copy that the run began with, in {}; must be as it was "
+                    "then, or begin a new run",
+                    changed, folder.string()));
+  }
 }
 
 OpenRun NewRun(const LearnArguments& arguments) {
@@ -93,10 +123,16 @@ OpenRun NewRun(const LearnArguments& arguments) {
   UsePrior(run.config, &run.task);
   // The learner checks task and options before anything is written.
   Learner learner(run.task, run.config.learner);
-  const std::filesystem::path path = run.config.output_directory.empty()
-                                         ? DefaultDirectory(run.config)
-                                         : std::filesystem::path(run.config.output_directory);
-  RunDirectory directory = RunDirectory::Create(path, WriteConfig(run.config));
+  const fs::path path = run.config.output_directory.empty()
+                            ? DefaultDirectory(run.task.name, run.config)
+                            : fs::path(run.config.output_directory);
+  std::vector<FileCopy> task_files;
+  if (IsTaskFile(run.config.task)) {
+    task_files = CopyTask(run.config.task);
+    run.config.task_source = fs::absolute(run.config.task).lexically_normal().string();
+    run.config.task = (path / kTaskFolder / task_files.front().path).string();
+  }
+  RunDirectory directory = RunDirectory::Create(path, SavedConfig(run.config, path), task_files);
   return {std::move(run.config), std::move(directory), std::move(learner)};
 }
 
@@ -130,27 +166,36 @@ OpenRun ResumedRun(const LearnArguments& arguments) {
   const std::vector<Setting> given = CommandLineSettings(arguments);
   CheckResumeSettings(arguments, given);
   RunDirectory directory = RunDirectory::OpenForWriting(arguments.resume);
-  const std::filesystem::path config_file = directory.path() / "config.toml";
+  const fs::path config_file = directory.path() / "config.toml";
   std::vector<Setting> settings = ReadConfigFile(config_file.string());
-  const std::string saved_task = ResolveConfig(settings).config.task;
-  if (!arguments.task.empty() && arguments.task != saved_task) {
+  const RunConfig saved = ResolveConfig(settings).config;
+  const std::string task = IsTaskFile(saved.task) ? saved.task_source : saved.task;
+  const bool same = IsTaskFile(saved.task) && IsTaskFile(arguments.task)
+                        ? fs::path(arguments.task).filename() == fs::path(task).filename()
+                        : arguments.task == task;
+  if (!arguments.task.empty() && !same) {
     throw InvalidInput(fmt::format("TASK = {}: must be {}, the task of {}, or left out",
-                                   arguments.task, saved_task, arguments.resume));
+                                   arguments.task, task, arguments.resume));
   }
-  settings.insert(settings.end(), given.begin(), given.end());
+  CheckTaskFile(saved, arguments.task, directory.path());
+  for (const Setting& setting : given) {
+    if (setting.key != "task") settings.push_back(setting);
+  }
   ResolvedRun run = ResolveConfig(settings);
   UseRobot(run.config, &run.task);
   UsePrior(run.config, &run.task);
   LearnerState state = directory.ReadState(run.task, run.config.learner);
   // A policy is written after the first checkpoint; starting anew would overwrite it.
-  if (state.episodes.empty() && std::filesystem::exists(directory.path() / "policy.json")) {
+  if (state.episodes.empty() && fs::exists(directory.path() / "policy.json")) {
     throw InvalidInput(fmt::format("{}: missing, though policy.json is there; must be the run's",
                                    (directory.path() / "checkpoint.json").string()));
   }
   Learner learner(run.task, run.config.learner, std::move(state));
   WarnOfMixedBits(learner);
   // The run's settings are from now on the ones it goes on with.
-  if (!given.empty()) WriteFileAtomically(config_file, WriteConfig(run.config));
+  if (!given.empty()) {
+    WriteFileAtomically(config_file, SavedConfig(run.config, directory.path()));
+  }
   directory.Write(learner);
   return {std::move(run.config), std::move(directory), std::move(learner)};
 }
@@ -239,7 +284,9 @@ void AddLearnCommand(CLI::App* app, const std::string& program) {
   CLI::App* command = app->add_subcommand("learn", "Learn a policy for a task from scratch");
   auto arguments = std::make_shared<LearnArguments>();
   arguments->program = program;
-  command->add_option("TASK", arguments->task, "Task to learn; downpour tasks lists them")
+  command
+      ->add_option("TASK", arguments->task,
+                   "Task to learn, downpour tasks lists them, or FILE.toml")
       ->check(NotEmpty());
   command->add_option("--config", arguments->config_file, "TOML file of settings")
       ->type_name("FILE")

@@ -59,7 +59,8 @@ class SimulatedRobot {
     episode_ = message["episode"].Int(1, 1000000);
     state_ = Numbers(message["start"], state_.size());
     running_ = true;
-    system_->Reset(state_);
+    const std::vector<double> start = state_;
+    system_->Begin(episode_, start, state_);
     return {{"type", "start"}, {"episode", episode_}, {"observation", Observation(0)}};
   }
 
@@ -136,7 +137,9 @@ void AddSimulateCommand(CLI::App* app) {
   CLI::App* command = app->add_subcommand(
       "simulate", "Be the task's robot: simulate it by the protocol of docs/robot.md");
   auto arguments = std::make_shared<SimulateArguments>();
-  command->add_option("TASK", arguments->task, "Task to simulate; downpour tasks lists them")
+  command
+      ->add_option("TASK", arguments->task,
+                   "Task to simulate, downpour tasks lists them, or FILE.toml")
       ->required()
       ->check(NotEmpty());
   command->add_option("--preset", arguments->preset, "paper or original-code")

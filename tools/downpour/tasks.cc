@@ -12,6 +12,7 @@
 #include "engine/rollout/reward.h"
 #include "tasks/registry.h"
 #include "tools/downpour/commands.h"
+#include "tools/downpour/option_help.h"
 
 namespace downpour {
 namespace {
@@ -60,8 +61,12 @@ void Print(const Task& task) {
 void AddTasksCommand(CLI::App* app) {
   CLI::App* command = app->add_subcommand("tasks", "List the tasks with their units");
   auto preset = std::make_shared<std::string>("paper");
+  auto task = std::make_shared<std::string>();
+  command->add_option("TASK", *task, "Show this one alone, or that of FILE.toml")
+      ->check(NotEmpty());
   command->add_option("--preset", *preset, "paper or original-code")->capture_default_str();
-  command->callback([preset] {
+  command->callback([preset, task] {
+    if (!task->empty()) return Print(MakeTask(*task, *preset));
     bool first = true;
     for (const std::string& name : TaskNames()) {
       if (!first) fmt::print("\n");
