@@ -17,6 +17,7 @@ namespace {
 // A value in a message; long ones are cut.
 std::string ValueText(const toml::node& node) {
   std::ostringstream text;
+  if (const auto* number = node.as_floating_point()) return FormatNumber(number->get());
   node.visit([&](const auto& value) { text << value; });
   constexpr std::size_t kMost = 60;
   const std::string all = text.str();
@@ -24,8 +25,11 @@ std::string ValueText(const toml::node& node) {
 }
 
 std::string RangeText(const char* kind, const NumberRange& range) {
-  return std::string(kind) + " in " + (range.above_min ? "(" : "[") + FormatNumber(range.min) +
-         ", " + FormatNumber(range.max) + "]";
+  const auto text = [](double x) {  // 1000000 rather than 1e+06
+    return std::trunc(x) == x ? std::to_string(static_cast<long long>(x)) : FormatNumber(x);
+  };
+  return std::string(kind) + " in " + (range.above_min ? "(" : "[") + text(range.min) + ", " +
+         text(range.max) + "]";
 }
 
 // The number in a node; NaN if it is none.
