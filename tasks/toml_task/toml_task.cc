@@ -206,8 +206,19 @@ std::shared_ptr<const Reward> ReadDistance(TomlTable* table, const Reading& read
   }
 }
 
+// Formulas may take several lines in the file, but take one where they are described.
+std::string OnOneLine(const std::string& text) {
+  std::string line;
+  for (const char c : text) {
+    const bool is_space = c == ' ' || c == '\t' || c == '\r' || c == '\n';
+    if (!is_space) line += c;
+    if (is_space && !line.empty() && line.back() != ' ') line += ' ';
+  }
+  return line;
+}
+
 TaskFormula ReadFormula(TomlTable* table, const Reading& reading, bool with_actions) {
-  const std::string text = table->Text("expression");
+  const std::string text = OnOneLine(table->Text("expression"));
   try {
     return TaskFormula(text, reading.task, *reading.model, reading.state_of_joint, with_actions);
   } catch (const InvalidInput& error) {

@@ -150,6 +150,14 @@ TEST_CASE("toml task: a formula is the compiled reward but for rounding") {
   }
 }
 
+TEST_CASE("toml task: a formula of several lines is described in one") {
+  const Task task = MakeTask((TasksFolder() / "examples/pusher.toml").string());
+  const std::string text = task.reward->Describe();
+  CHECK(text.starts_with("0.9 * exp(-((puck_x - goal.x)^2"));
+  CHECK(text.find_first_of("\n\t") == std::string::npos);
+  CHECK(text.find("  ") == std::string::npos);
+}
+
 TEST_CASE("toml task: unit_interval clamps a formula, and says so") {
   const TaskFolder folder;
   const Task task = MakeTask(folder.Cartpole(
