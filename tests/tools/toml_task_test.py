@@ -3,6 +3,7 @@
 import json
 import pathlib
 import shutil
+import struct
 import subprocess
 
 from command import PROGRAM, TINY, Claims, contents, downpour, learn, results, scratch_directory
@@ -108,16 +109,25 @@ def with_meshes():
     (folder / "models/parts/motor.xml").write_text(
         '<mujoco><actuator><motor name="torque" joint="pole"/></actuator></mujoco>')
     start, end = text.index("<actuator>"), text.index("</actuator>") + len("</actuator>")
-    (folder / "models/pendulum.xml").write_text(
-        text[:start] + '<include file="parts/motor.xml"/>' + text[end:])
+    text = text[:start] + '<include file="parts/motor.xml"/>' + text[end:]
+    text = text.replace("<compiler ", '<compiler meshdir="parts" ', 1)
+    text = text.replace("</asset>", '<mesh name="tetrahedron" file="mesh.stl"/></asset>', 1)
+    (folder / "models/pendulum.xml").write_text(text)
+    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    (folder / "models/parts/mesh.stl").write_bytes(
+        bytes(80) + struct.pack("<I", 4) + b"".join(
+            struct.pack("<12fH", 0, 0, 0, *(x for i in face for x in corners[i]), 0)
+            for face in faces))
     (folder / "tasks/pendulum.toml").write_text(toml.replace(
         '"pendulum.xml"', '"../models/pendulum.xml"'))
     run = scratch / "meshes run"
     begin(run, folder / "tasks/pendulum.toml", 2)
     files = sorted(str(path.relative_to(run / "task")) for path in (run / "task").rglob("*")
                    if path.is_file())
-    claims.check("included files are copied, too", files == [
-        "models/parts/motor.xml", "models/pendulum.xml", "tasks/pendulum.toml"], files)
+    claims.check("included files and meshes are copied, too", files == [
+        "models/parts/mesh.stl", "models/parts/motor.xml", "models/pendulum.xml",
+        "tasks/pendulum.toml"], files)
     part = folder / "models/parts/motor.xml"
     part.write_text(part.read_text().replace('"pole"/>', '"pole" gear="2"/>'))
     refused("resume refuses when an included file has changed since",
