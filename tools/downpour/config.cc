@@ -293,8 +293,8 @@ ResolvedRun ResolveConfig(const std::vector<Setting>& settings) {
   ApplySettings(ConfigFields(named), settings);
   CheckOneTask(settings);
   if (named.task.empty()) {
-    throw InvalidInput(
-        fmt::format("no task given: must be one of {}", fmt::join(TaskNames(), ", ")));
+    throw InvalidInput(fmt::format("no task given: must be one of {}, or a file NAME.toml",
+                                   fmt::join(TaskNames(), ", ")));
   }
   // The run must find the file again when it is resumed from another directory.
   for (std::string* file : {&named.mjcf, &named.prior.model}) {
