@@ -223,6 +223,12 @@ class MujocoPrior final : public DynamicsPrior {
  public:
   MujocoPrior(const MujocoSystemSpec& spec, const std::string& free)
       : spec_(spec), digest_(ModelDigest(spec)) {
+    for (const JointState& state : spec_.states) {
+      if (state.sensor.empty() && state.site.empty()) continue;
+      throw InvalidInput("prior.model: the task has states of " +
+                         (state.site.empty() ? "sensor " + state.sensor : "site " + state.site) +
+                         "; allowed: tasks whose states are positions and velocities of joints");
+    }
     const std::unique_ptr<MujocoSystem> system = MakeMujocoSystem(spec_);
     for (const std::string& entry : SplitList(free)) AddParameter(system->model(), entry);
   }

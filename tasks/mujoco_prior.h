@@ -22,8 +22,9 @@ namespace downpour {
 //     gear      of an actuator, its first number
 // Between two steps nothing but the state is kept: a joint that is no state is where the model has
 // it, at rest. Throws InvalidInput, one line, as MakeMujocoSystem does and for a list that names an
-// object or a quantity that is not there, twice the same, or a range that is none. Its predictors
-// throw InvalidInput when they are made, if the file has been changed by then.
+// object or a quantity that is not there, twice the same, or a range that is none, and for a spec
+// with states of sensors or sites. Its predictors throw InvalidInput when they are made, if the
+// file has been changed by then.
 std::shared_ptr<const DynamicsPrior> MakeMujocoPrior(const MujocoSystemSpec& spec,
                                                      const std::string& free);
 

@@ -176,9 +176,7 @@ class LoadedSystem final : public MujocoSystem {
 
   void Reset(std::span<const double> state) override {
     mj_resetData(model_.get(), data_.get());
-    for (std::size_t i = 0; i < variables_.size(); ++i) {
-      if (!follows_[i]) *variables_[i] = state[i];
-    }
+    SetJoints(state);
   }
 
   void Begin(int, std::span<const double> start, std::span<double> state) override {
@@ -194,7 +192,7 @@ class LoadedSystem final : public MujocoSystem {
     std::fill_n(data_->qvel, model_->nv, 0.0);
     std::fill_n(data_->act, model_->na, 0.0);
     std::fill_n(data_->qacc_warmstart, model_->nv, 0.0);
-    for (std::size_t i = 0; i < variables_.size(); ++i) *variables_[i] = state[i];
+    SetJoints(state);
   }
 
   void Step(std::span<const double> action, std::span<double> state) override {
@@ -220,6 +218,12 @@ class LoadedSystem final : public MujocoSystem {
   mjData& data() override { return *data_; }
 
  private:
+  void SetJoints(std::span<const double> state) {
+    for (std::size_t i = 0; i < variables_.size(); ++i) {
+      if (!follows_[i]) *variables_[i] = state[i];
+    }
+  }
+
   double* SensorReading(const JointState& state, const std::string& model_name) const {
     const int sensor = mj_name2id(model_.get(), mjOBJ_SENSOR, state.sensor.c_str());
     if (sensor < 0) Fail(model_name, "has no sensor named " + state.sensor);

@@ -16,6 +16,7 @@
 #include "engine/learner/suggest.h"
 #include "engine/rollout/reward.h"
 #include "tasks/model_digest.h"
+#include "tasks/mujoco_prior.h"
 #include "tasks/mujoco_system.h"
 #include "tasks/toml_task/task_formula.h"
 #include "tasks/toml_task/toml_table.h"
@@ -324,6 +325,7 @@ Task LoadTomlTask(const std::string& file, const std::string& mjcf_file) {
   root.CheckNoOthers();
   task.model_digest = Checksum(ReadFile(file) + ModelDigest(reading.spec));
   task.make_system = [spec = reading.spec] { return MakeMujocoSystem(spec); };
+  task.make_prior = MujocoPriorMaker(reading.spec);
   return task;
 }
 

@@ -132,7 +132,7 @@ TEST_CASE("arm: joints stop at their limits and come off them at once") {
 TEST_CASE("arm: both rewards are the closed form of the forward kinematics") {
   // |d| rounds by some eps of 1 m; the paper's exponent is 50 d, the other's 12.5 d^2, d < 1.6.
   constexpr double kTolerance = 1000 * std::numeric_limits<double>::epsilon();
-  const Task paper = MakeTask("arm"), original = MakeTask("arm", "original-code");
+  const Task paper = MakeTask("arm", "paper"), original = MakeTask("arm", "original-code");
   const std::vector<double> u = Uniforms();
   for (int sample = 0; sample < kSamples; ++sample) {
     State q;
@@ -195,7 +195,8 @@ TEST_CASE("arm: limits, features and presets are those of the design; the reward
   CHECK(task.parameter_bound == 1);
   CHECK(task.learn_reward);
   for (const char* known : {"pendulum", "cartpole"}) CHECK_FALSE(MakeTask(known).learn_reward);
-  CHECK(task.reward->Describe() != MakeTask("arm", "original-code").reward->Describe());
+  CHECK(task.preset == "original-code");
+  CHECK(task.reward->Describe() != MakeTask("arm", "paper").reward->Describe());
 }
 
 }  // namespace

@@ -79,7 +79,7 @@ TEST_CASE("registry: names the tasks and refuses others, listing what is allowed
 
 TEST_CASE("registry: refuses unknown presets, listing what is allowed") {
   for (const std::string name : {"pendulum", "cartpole"}) {
-    for (const std::string preset : {"", "Paper", "original"}) {
+    for (const std::string preset : {"Paper", "original"}) {
       const std::string message = MessageOf([&] { MakeTask(name, preset); });
       CHECK(Contains(message, "'" + preset + "'"));
       CHECK(Contains(message, "allowed: paper, original-code"));

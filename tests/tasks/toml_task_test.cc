@@ -10,6 +10,8 @@
 #include <string>
 #include <vector>
 
+#include "engine/errors.h"
+#include "engine/rollout/dynamics_prior.h"
 #include "engine/rollout/reward.h"
 #include "kernels/philox/philox.h"
 #include "tasks/registry.h"
@@ -107,6 +109,18 @@ TEST_CASE("toml task: trajectories of the built-in tasks from files have the sam
   }
 }
 
+TEST_CASE("toml task: a prior is that of the compiled task; states of sensors can have none") {
+  const std::string model = (TasksFolder() / "pendulum" / "pendulum.xml").string();
+  const Task a = MakeTask("pendulum"), b = FromFile("pendulum");
+  CHECK(b.make_prior(model, "")->Describe() == a.make_prior(model, "")->Describe());
+  const std::filesystem::path examples = TasksFolder() / "examples";
+  const Task pusher = MakeTask((examples / "pusher.toml").string());
+  CHECK_THROWS_WITH_AS(pusher.make_prior((examples / "pusher.xml").string(), ""),
+                       "prior.model: the task has states of sensor puck; allowed: tasks whose "
+                       "states are positions and velocities of joints",
+                       InvalidInput);
+}
+
 TEST_CASE("toml task: residuals are the compiled reward, description and bits") {
   for (const std::string name : {"pendulum", "cartpole"}) {
     CAPTURE(name);
@@ -120,8 +134,9 @@ TEST_CASE("toml task: residuals are the compiled reward, description and bits") 
 
 TEST_CASE("toml task: a distance of sites is the arm's reward") {
   const Task a = MakeTask("arm"), b = FromFile("arm");
-  // arm.xml has the target in 8 digits: off by 1e-8 sqrt(3) / 2 at most, d / (2 width^2) the rest.
-  const double tolerance = 1e-8 * std::sqrt(3) / 2 / (2 * 0.1 * 0.1);
+  // arm.xml has the target in 8 digits: off by 1e-8 sqrt(3) / 2 at most, times the steepest slope
+  // of exp(-d^2 / (2 width^2)).
+  const double tolerance = 1e-8 * std::sqrt(3) / 2 * std::exp(-0.5) / 0.2;
   for (std::uint32_t i = 0; i < 10; ++i) {
     CHECK(RewardDifference(a, b, RandomEpisode(a, i)) <= tolerance);
   }

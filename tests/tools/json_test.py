@@ -162,7 +162,7 @@ def other_commands():
     claims.check("learn --help: --no-variance says what it does",
                  "Use means only (the paper's No Var)." in " ".join(help_text.split()), help_text)
     claims.check("learn --help and evaluate --help: the options' defaults",
-                 "(default 300000)" in help_text and "(default paper)" in help_text and
+                 "(default 300000)" in help_text and "default: the task's own" in " ".join(help_text.split()) and
                  "(default 100)" in downpour("evaluate", "--help").stdout, help_text)
     listing = downpour("tasks").stdout
     claims.check("tasks: every task with its units",

@@ -311,6 +311,7 @@ ResolvedRun ResolveConfig(const std::vector<Setting>& settings) {
   run.config.learner.learn_reward = run.task.learn_reward;
   ApplySettings(ConfigFields(run.config), settings);
   run.config.mjcf = named.mjcf;
+  run.config.preset = run.task.preset;
   run.config.prior.model = named.prior.model;
   int& points = run.config.learner.policy.points;
   if (points == 0) points = run.task.policy_points;

@@ -28,7 +28,7 @@ struct PriorConfig {
 struct RunConfig {
   std::string task;         // a name, or the path of a TOML file
   std::string task_source;  // what that file is a copy of; empty: of none
-  std::string preset = "paper";
+  std::string preset;       // "": the task's own
   std::string mjcf;
   double observation_std = -1;  // negative: the task's own
   LearnerOptions learner;

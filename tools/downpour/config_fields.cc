@@ -3,6 +3,7 @@
 #include <fmt/ranges.h>
 
 #include "tasks/registry.h"
+#include "tasks/toml_task/toml_task.h"
 #include "tools/downpour/config.h"
 
 namespace downpour {
@@ -26,7 +27,9 @@ std::vector<Field> RunFields(RunConfig& config) {
        .option = "--preset",
        .target = &config.preset,
        .choices = {"paper", "original-code"},
-       .description = "Reward and noise as in the paper or as in the authors' later code."},
+       .description = "Reward and noise as in the paper or as in the authors' later code; default: "
+                      "the task's own.",
+       .saved = !IsTaskFile(config.task)},
       {.key = "mjcf",
        .option = "--mjcf",
        .target = &config.mjcf,

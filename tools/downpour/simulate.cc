@@ -30,7 +30,7 @@ using OrderedJson = nlohmann::ordered_json;
 
 struct SimulateArguments {
   std::string task;
-  std::string preset = "paper";
+  std::string preset;  // "": the task's own
   std::string mjcf;
   std::uint64_t seed = 0;
 };

@@ -60,11 +60,11 @@ void Print(const Task& task) {
 
 void AddTasksCommand(CLI::App* app) {
   CLI::App* command = app->add_subcommand("tasks", "List the tasks with their units");
-  auto preset = std::make_shared<std::string>("paper");
+  auto preset = std::make_shared<std::string>();
   auto task = std::make_shared<std::string>();
   command->add_option("TASK", *task, "Show this one alone, or that of FILE.toml")
       ->check(NotEmpty());
-  command->add_option("--preset", *preset, "paper or original-code")->capture_default_str();
+  command->add_option("--preset", *preset, "paper or original-code; default: each task's own");
   command->callback([preset, task] {
     if (!task->empty()) return Print(MakeTask(*task, *preset));
     bool first = true;
