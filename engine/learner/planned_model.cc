@@ -2,12 +2,11 @@
 #include "engine/learner/planned_model.h"
 
 #include <algorithm>
-#include <chrono>
-#include <limits>
 #include <numeric>
 #include <utility>
 #include <variant>
 
+#include "engine/gp/query_timing.h"
 #include "engine/parallel_for.h"
 #include "engine/rollout/flush_subnormals.h"
 
@@ -72,36 +71,8 @@ int PlannedModel::Check(const Eigen::MatrixXd& inputs) {
 }
 
 std::vector<double> PlannedModel::TimeQueries(bool flush_subnormals) const {
-  using Clock = std::chrono::steady_clock;
-  constexpr std::chrono::milliseconds kEnough(1);
-  AlignedVector<double> x(static_cast<std::size_t>(probes_.cols()) * kTileLanes);
-  for (Eigen::Index d = 0; d < probes_.cols(); ++d) {
-    for (int lane = 0; lane < kTileLanes; ++lane) {
-      x[d * kTileLanes + lane] = probes_(lane * probes_.rows() / kTileLanes, d);
-    }
-  }
-  std::size_t bytes = 0;
-  for (const QueryFactor& factor : factors_) {
-    std::visit([&](const auto& f) { bytes = std::max(bytes, GpQueryScratchBytes(f)); }, factor);
-  }
-  AlignedVector<char> scratch(bytes);
-  AlignedVector<double> means(kTileLanes), variances(kTileLanes);
-  std::vector<double> best(factors_.size(), std::numeric_limits<double>::infinity());
   const FlushSubnormals flush(flush_subnormals);
-  const Clock::time_point first = Clock::now();
-  for (int round = 0; round < 2 || Clock::now() - first < kEnough; ++round) {
-    for (std::size_t e = 0; e < factors_.size(); ++e) {
-      const Clock::time_point start = Clock::now();
-      std::visit(
-          [&](const auto& f) {
-            GpQueryTile(f, kTileLanes, x.data(), scratch.data(), means.data(), variances.data());
-          },
-          factors_[e]);
-      const std::chrono::duration<double, std::nano> elapsed = Clock::now() - start;
-      best[e] = std::min(best[e], elapsed.count() / kTileLanes);
-    }
-  }
-  return best;
+  return downpour::TimeQueries(factors_, probes_);
 }
 
 }  // namespace downpour

@@ -36,10 +36,8 @@ class PlannedModel {
   // Worst errors of each output's present plan in all checks and probes so far.
   const std::vector<PlanErrors>& errors() const { return errors_; }
 
-  // Nanoseconds that one query of mean and variance takes by each output's present plan, on this
-  // thread and in full tiles of probes: the best of some rounds in which the outputs take turns, as
-  // in rollouts, which flush subnormal numbers if there is a prior. Takes about a millisecond, or
-  // two rounds. After Choose, with a probe at least.
+  // Nanoseconds of one query by each output's present plan, on probes (engine/gp/query_timing.h).
+  // Rollouts flush subnormal numbers if there is a prior. After Choose, with a probe at least.
   std::vector<double> TimeQueries(bool flush_subnormals = false) const;
 
  private:

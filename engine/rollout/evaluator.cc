@@ -119,7 +119,7 @@ void Evaluator::SetFactors(std::span<const QueryFactor> factors) {
           [] { return std::string("the task has no reward: must be known, or learnt"); });
   factors_ = factors;
   const bool in_unit_interval = !learnt_reward() && task_.reward->InUnitInterval();
-  penalty_ = (in_unit_interval ? -1 : -(Reward::kLimit + 1)) * task_.horizon;
+  penalty_ = DivergedReturn(in_unit_interval, task_.horizon);
   block_tiles_ = std::any_of(factors.begin(), factors.end(),
                              [](const QueryFactor& factor) {
                                return std::holds_alternative<BlasFactor>(factor);

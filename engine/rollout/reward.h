@@ -32,6 +32,12 @@ class Reward {
                             const double* actions, double* rewards) const = 0;
 };
 
+// Return of a rollout that has diverged: below that of any other, as rewards are in [0, 1] or within
+// +-Reward::kLimit.
+inline double DivergedReturn(bool in_unit_interval, int horizon) {
+  return (in_unit_interval ? -1 : -(Reward::kLimit + 1)) * horizon;
+}
+
 // Saturating reward (paper Eq. 9) of the features f (F): exp(-|A f - b|^2 / (2 width^2)), in
 // [0, 1]. `a` is n_rows x F row-major, n_rows = b.size(). A weight matrix Q = A^T A and target
 // A f* = b. Its description names the features. Throws InvalidInput if a size disagrees, a number
