@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "engine/search/minimise.h"
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <sstream>
+#include <utility>
 
 #include "engine/errors.h"
-#include "engine/search/bounds.h"
 
 namespace downpour {
 namespace {
@@ -31,6 +30,14 @@ void CheckOptions(const MinimiseOptions& o) {
     Check(std::isfinite(o.upper[i]) && o.upper[i] > o.lower[i], "upper" + at, o.upper[i],
           "finite and above lower" + at);
   }
+  Check(o.start.empty() || o.start.size() == n, "start.size()", static_cast<double>(o.start.size()),
+        "0 or that of lower, " + std::to_string(n));
+  for (std::size_t i = 0; i < o.start.size(); ++i) {
+    const double x = o.start[i];
+    const std::string at = "start[" + std::to_string(i) + ']';
+    Check(std::isfinite(x), at, x, "finite");
+    Check(!o.bounded || (x >= o.lower[i] && x <= o.upper[i]), at, x, "between lower and upper");
+  }
   Check(std::isfinite(o.sigma) && o.sigma > 0, "sigma", o.sigma, "finite and > 0");
   Check(o.population == 0 || o.population >= 2, "population", o.population, "0 or at least 2");
   Check(std::isfinite(o.restart_decades) && o.restart_decades >= 0, "restart_decades",
@@ -38,119 +45,126 @@ void CheckOptions(const MinimiseOptions& o) {
   Check(o.evaluations >= 1, "evaluations", static_cast<double>(o.evaluations), "at least 1");
 }
 
-class Minimiser {
- public:
-  Minimiser(const MinimiseOptions& options, const PopulationObjective& objective)
-      : options_(options),
-        objective_(objective),
-        dimension_(options.lower.size()),
-        scheduler_(options.restarts, Population(), kMaxPopulation, options.sigma,
-                   options.restart_decades) {
-    for (std::size_t i = 0; options.bounded && i < dimension_; ++i) {
-      boxes_.emplace_back(options.lower[i], options.upper[i]);
-    }
-  }
+constexpr int kMaxPopulation = 1 << 20;
 
-  MinimiseResult Run() {
-    RunPlan plan = scheduler_.First(options_.sigma);
-    while (true) {
-      RunOnce(plan);
-      scheduler_.End(plan);
-      const std::string& stop = result_.runs.back().stop;
-      if (stop == "target" || stop == "budget" || !scheduler_.restarts()) return result_;
-      double draws[2];
-      FillUniforms(RunKey(plan.run + 1), 0, draws, 2);
-      plan = scheduler_.Next(draws[0], draws[1]);
-    }
-  }
-
- private:
-  static constexpr int kMaxPopulation = 1 << 20;
-
-  double Population() const {
-    return options_.population > 0 ? options_.population
-                                   : CmaEs::DefaultPopulation(static_cast<int>(dimension_));
-  }
-
-  StreamKey RunKey(int run) const {
-    return DeriveKey(options_.seed, StreamPurpose::kSearchRestart,
-                     {static_cast<std::uint32_t>(run)});
-  }
-
-  CmaEs Start(const RunPlan& plan) const {
-    std::vector<double> mean(dimension_);
-    FillUniforms(RunKey(plan.run), 1, mean.data(), dimension_);
-    for (std::size_t i = 0; i < dimension_; ++i) {
-      mean[i] = options_.lower[i] + (options_.upper[i] - options_.lower[i]) * mean[i];
-      if (options_.bounded) mean[i] = boxes_[i].FromBox(mean[i]);
-    }
-    return CmaEs(mean, plan.sigma, plan.population,
-                 {options_.tolerances, options_.covariance, options_.adapt_rates});
-  }
-
-  void RunOnce(const RunPlan& plan) {
-    CmaEs cma = Start(plan);
-    const auto lambda = static_cast<std::size_t>(plan.population);
-    candidates_.resize(dimension_ * lambda);
-    costs_.resize(lambda);
-    MinimiseRun run{plan, 0, "", std::numeric_limits<double>::infinity()};
-    while (run.stop.empty()) {
-      if (result_.evaluations + plan.population > options_.evaluations) {
-        run.stop = "budget";
-        break;
-      }
-      cma.Ask(DeriveKey(options_.seed, StreamPurpose::kSearchSampling,
-                        {static_cast<std::uint32_t>(plan.run),
-                         static_cast<std::uint32_t>(cma.generation())}),
-              candidates_);
-      for (std::size_t k = 0; k < boxes_.size() * lambda; ++k) {
-        candidates_[k] = boxes_[k % dimension_].ToBox(candidates_[k]);
-      }
-      objective_(candidates_, costs_);
-      if (CountCosts(&run)) {
-        run.stop = "target";
-        break;
-      }
-      cma.Tell(costs_);
-      scheduler_.Add(plan, plan.population);
-      run.stop = cma.stop();
-      if (run.stop.empty() && scheduler_.IsExhausted(plan, run.evaluations)) {
-        run.stop = "SmallBudget";
-      }
-    }
-    result_.runs.push_back(std::move(run));
-  }
-
-  // Counts the population up to the first candidate that reaches the target; whether one does.
-  bool CountCosts(MinimiseRun* run) {
-    for (std::size_t c = 0; c < costs_.size(); ++c) {
-      ++run->evaluations;
-      ++result_.evaluations;
-      run->best_cost = std::fmin(run->best_cost, costs_[c]);
-      if (costs_[c] < result_.best_cost || result_.best.empty()) {
-        const auto first = candidates_.begin() + static_cast<std::ptrdiff_t>(c * dimension_);
-        result_.best.assign(first, first + static_cast<std::ptrdiff_t>(dimension_));
-        result_.best_cost = std::fmin(result_.best_cost, costs_[c]);
-      }
-      if (costs_[c] < options_.target) return true;
-    }
-    return false;
-  }
-
-  const MinimiseOptions& options_;
-  const PopulationObjective& objective_;
-  std::size_t dimension_;
-  RestartScheduler scheduler_;
-  std::vector<BoxTransform> boxes_;  // (P), none if unbounded
-  std::vector<double> candidates_, costs_;
-  MinimiseResult result_;
-};
+// Lambda of the first run, before it is rounded down; checks the options.
+double FirstPopulation(const MinimiseOptions& options) {
+  CheckOptions(options);
+  return options.population > 0 ? options.population
+                                : CmaEs::DefaultPopulation(static_cast<int>(options.lower.size()));
+}
 
 }  // namespace
 
+Minimiser::Minimiser(MinimiseOptions options)
+    : options_(std::move(options)),
+      scheduler_(options_.restarts, FirstPopulation(options_), kMaxPopulation, options_.sigma,
+                 options_.restart_decades) {
+  for (int i = 0; options_.bounded && i < dimension(); ++i) {
+    boxes_.emplace_back(options_.lower[i], options_.upper[i]);
+  }
+  plan_ = scheduler_.First(options_.sigma);
+  StartRun();
+  Advance();
+}
+
+StreamKey Minimiser::RunKey(int run) const {
+  return DeriveKey(options_.seed, StreamPurpose::kSearchRestart, {static_cast<std::uint32_t>(run)});
+}
+
+void Minimiser::StartRun() {
+  std::vector<double> mean(dimension());
+  FillUniforms(RunKey(plan_.run), 1, mean.data(), mean.size());
+  for (int i = 0; i < dimension(); ++i) {
+    mean[i] = options_.lower[i] + (options_.upper[i] - options_.lower[i]) * mean[i];
+  }
+  if (plan_.run == 0 && !options_.start.empty()) mean = options_.start;
+  for (std::size_t i = 0; i < boxes_.size(); ++i) mean[i] = boxes_[i].FromBox(mean[i]);
+  cma_.emplace(mean, plan_.sigma, plan_.population,
+               CmaEsOptions{options_.tolerances, options_.covariance, options_.adapt_rates});
+  run_ = {plan_, 0, "", std::numeric_limits<double>::infinity()};
+}
+
+std::vector<double> Minimiser::mean() const {
+  std::vector<double> mean(cma_->mean().begin(), cma_->mean().end());
+  for (std::size_t i = 0; i < boxes_.size(); ++i) mean[i] = boxes_[i].ToBox(mean[i]);
+  return mean;
+}
+
+std::span<const double> Minimiser::Ask() {
+  if (asked_) return candidates_;
+  candidates_.resize(static_cast<std::size_t>(dimension()) * population());
+  cma_->Ask(DeriveKey(options_.seed, StreamPurpose::kSearchSampling,
+                      {static_cast<std::uint32_t>(plan_.run),
+                       static_cast<std::uint32_t>(cma_->generation())}),
+            candidates_);
+  for (std::size_t k = 0; k < boxes_.size() * population(); ++k) {
+    candidates_[k] = boxes_[k % boxes_.size()].ToBox(candidates_[k]);
+  }
+  asked_ = true;
+  return candidates_;
+}
+
+void Minimiser::Tell(std::span<const double> costs) {
+  asked_ = false;
+  if (CountCosts(costs)) {
+    run_.stop = "target";
+  } else {
+    cma_->Tell(costs);
+    ++generations_;
+    scheduler_.Add(plan_, plan_.population);
+    run_.stop = cma_->stop();
+    if (run_.stop.empty() && scheduler_.IsExhausted(plan_, run_.evaluations)) {
+      run_.stop = "SmallBudget";
+    }
+  }
+  Advance();
+}
+
+bool Minimiser::CountCosts(std::span<const double> costs) {
+  const auto n = static_cast<std::size_t>(dimension());
+  for (std::size_t c = 0; c < costs.size(); ++c) {
+    ++run_.evaluations;
+    ++result_.evaluations;
+    run_.best_cost = std::fmin(run_.best_cost, costs[c]);
+    if (costs[c] < result_.best_cost || result_.best.empty()) {
+      const auto first = candidates_.begin() + static_cast<std::ptrdiff_t>(c * n);
+      result_.best.assign(first, first + static_cast<std::ptrdiff_t>(n));
+      result_.best_cost = std::fmin(result_.best_cost, costs[c]);
+    }
+    if (costs[c] < options_.target) return true;
+  }
+  return false;
+}
+
+void Minimiser::Advance() {
+  while (true) {
+    if (run_.stop.empty() && result_.evaluations + plan_.population > options_.evaluations) {
+      run_.stop = "budget";
+    }
+    if (run_.stop.empty()) return;
+    result_.runs.push_back(run_);
+    scheduler_.End(plan_);
+    if (run_.stop == "target" || run_.stop == "budget" || !scheduler_.restarts()) {
+      stop_ = run_.stop;
+      return;
+    }
+    double draws[2];
+    FillUniforms(RunKey(plan_.run + 1), 0, draws, 2);
+    plan_ = scheduler_.Next(draws[0], draws[1]);
+    StartRun();
+  }
+}
+
 MinimiseResult Minimise(const MinimiseOptions& options, const PopulationObjective& objective) {
-  CheckOptions(options);
-  return Minimiser(options, objective).Run();
+  Minimiser minimiser(options);
+  std::vector<double> costs;
+  while (minimiser.stop().empty()) {
+    costs.resize(minimiser.population());
+    objective(minimiser.Ask(), costs);
+    minimiser.Tell(costs);
+  }
+  return minimiser.result();
 }
 
 }  // namespace downpour
