@@ -1,0 +1,10 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include "tools/python/arguments.h"
+
+namespace downpour::python {
+
+void AddLearn(py::module_* module);
+
+}  // namespace downpour::python
