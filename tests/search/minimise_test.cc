@@ -130,5 +130,53 @@ TEST_CASE("minimise: bad options are refused by name") {
         "Minimise: evaluations = 0: must be at least 1");
 }
 
+TEST_CASE("minimise: ask and tell are the same search, and asking twice changes nothing") {
+  MinimiseOptions options;
+  options.lower.assign(4, -4);
+  options.upper.assign(4, 4);
+  options.bounded = true;
+  options.evaluations = 5000;
+  const MinimiseResult wanted = Minimise(options, Population(Rastrigin, 4));
+  Minimiser search(options);
+  std::vector<double> costs;
+  while (search.stop().empty()) {
+    search.Ask();
+    const std::span<const double> candidates = search.Ask();
+    costs.resize(search.population());
+    Population(Rastrigin, 4)(candidates, costs);
+    search.Tell(costs);
+  }
+  CHECK(search.stop() == "budget");
+  CHECK(search.result().best == wanted.best);
+  CHECK(search.result().evaluations == wanted.evaluations);
+  CHECK(search.result().runs.size() == wanted.runs.size());
+  CHECK(search.run() > 1);
+}
+
+TEST_CASE("minimise: the first run begins where it is told to, its restarts do not") {
+  MinimiseOptions options;
+  options.lower.assign(3, -1e3);
+  options.upper.assign(3, 1e3);
+  options.start = {1, 2, 3};
+  options.sigma = 1e-3;
+  options.restarts = RestartStrategy::kSmall;
+  options.evaluations = 4000;
+  Minimiser search(options);
+  CHECK(search.mean() == options.start);
+  std::vector<double> costs;
+  while (search.run() == 0) {
+    const std::span<const double> candidates = search.Ask();
+    costs.resize(search.population());
+    Population(Sphere, 3)(candidates, costs);
+    search.Tell(costs);
+  }
+  CHECK(search.mean() != options.start);
+  options.start = {1, 2};
+  CHECK_THROWS_AS(Minimiser{options}, InvalidInput);
+  options.start = {1, 2, 2e3};
+  options.bounded = true;
+  CHECK_THROWS_AS(Minimiser{options}, InvalidInput);
+}
+
 }  // namespace
 }  // namespace downpour

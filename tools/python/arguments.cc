@@ -30,7 +30,7 @@ std::string Index(py::ssize_t flat, const Doubles& array) {
     text = std::to_string(flat % array.shape(d)) + (text.empty() ? "" : ", ") + text;
     flat /= array.shape(d);
   }
-  return "[" + text + "]";
+  return std::string("[").append(text).append("]");
 }
 
 [[noreturn]] void Refuse(const std::string& name, py::handle value, const std::string& allowed) {

@@ -139,7 +139,8 @@ void SetBounds(py::handle lower, py::handle upper, MinimiseOptions* options) {
   options->lower = ToBound(lower, "lower", x0.size());
   options->upper = ToBound(upper, "upper", x0.size());
   for (std::size_t i = 0; i < x0.size(); ++i) {
-    const std::string at = "[" + std::to_string(i) + "]";
+    std::string at = std::to_string(i);
+    at = '[' + at + ']';
     if (!(options->lower[i] < options->upper[i])) {
       throw py::value_error("lower" + at + ": must be below upper" + at);
     }
