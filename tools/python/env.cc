@@ -154,13 +154,20 @@ void AddEnv(py::module_* module) {
                              [](const Env& env) { return NamesOf(env.task().actions); });
   module->def(
       "make",
-      [](py::handle task, const std::string& preset) {
-        return std::make_unique<Env>(MakeTask(ToText(task, "task"), preset));
+      [](py::handle task, py::handle preset) {
+        return std::make_unique<Env>(MakeTask(ToText(task, "task"), ToText(preset, "preset")));
       },
       arg("task"), arg("preset") = "paper",
       "make(task, preset=\"paper\") -> Env\n\nA built-in task on its simulator; downpour.tasks() "
       "lists them.");
-  module->def("tasks", &TaskNames, "tasks() -> list\n\nNames of the built-in tasks.");
+  module->def(
+      "tasks",
+      [] {
+        py::list names;
+        for (const std::string& name : TaskNames()) names.append(name);
+        return names;
+      },
+      "tasks() -> list\n\nNames of the built-in tasks.");
 }
 
 }  // namespace downpour::python

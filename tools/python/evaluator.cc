@@ -144,11 +144,15 @@ py::object Callable(const py::object& value, const char* name, const char* other
 }
 
 std::unique_ptr<PyEvaluator> MakeEvaluator(
-    const GaussianProcess& model, const py::object& task_name, const py::object& features,
+    py::handle gp, const py::object& task_name, const py::object& features,
     const py::object& policy, const py::object& reward, py::handle rollouts, py::handle horizon,
     py::handle start, py::handle action_limit, py::handle start_std, py::handle hidden_units,
     py::handle activation, py::handle points, bool use_variance, bool predict_noise,
-    py::handle sample_clamp, const std::string& preset, py::handle threads) {
+    py::handle sample_clamp, py::handle preset, py::handle threads) {
+  if (!py::isinstance<GaussianProcess>(gp)) {
+    throw py::type_error("model = " + std::string(py::repr(gp)) + ": must be a GaussianProcess");
+  }
+  const auto& model = gp.cast<const GaussianProcess&>();
   const bool own_policy = PyCallable_Check(policy.ptr()) != 0;
   BlockCallables callables{py::none(), own_policy ? policy : py::none(),
                            Callable(reward, "reward", "None")};
@@ -161,7 +165,7 @@ std::unique_ptr<PyEvaluator> MakeEvaluator(
         CustomTask(*model.model, own_features ? py::none() : features, action_limit, own_features);
   } else {
     if (!features.is_none()) throw py::value_error("features: must be None with a task");
-    task = MakeTask(ToText(task_name, "task"), preset);
+    task = MakeTask(ToText(task_name, "task"), ToText(preset, "preset"));
   }
   SetTask(horizon, start, start_std, action_limit, &task);
   std::shared_ptr<const Policy> own;
