@@ -6,6 +6,7 @@ OPENBLAS_CORETYPE names the kernels to use. OpenMP threads that wait spin for lo
 from others; GOMP_SPINCOUNT bounds that. The command sets both and starts itself again; a module can
 only set them in time, which it can unless NumPy, say, has loaded the same libraries before.
 """
+import _ctypes
 import collections
 import ctypes
 import os
@@ -51,10 +52,8 @@ def _own_choice():
         core = library.openblas_get_corename().decode()
     except (OSError, AttributeError):
         return None
-    if _WIDTH.get(core, 2) < _WIDTH.get(_suitable_core(), 2):
-        # Only if it is to be loaded anew.
-        import _ctypes
-        _ctypes.dlclose(library._handle)
+    # The extension loads it anew, from where it was linked and by the settings made by then.
+    _ctypes.dlclose(library._handle)
     return core
 
 
