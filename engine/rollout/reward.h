@@ -32,7 +32,8 @@ class Reward {
                             const double* actions, double* rewards) const = 0;
 };
 
-// Return of a rollout that has diverged: below that of any other, as rewards are in [0, 1] or within
+// Return of a rollout that has diverged: below that of any other, as rewards are in [0, 1] or
+// within
 // +-Reward::kLimit.
 inline double DivergedReturn(bool in_unit_interval, int horizon) {
   return (in_unit_interval ? -1 : -(Reward::kLimit + 1)) * horizon;
