@@ -247,7 +247,7 @@ void BlockRollouts::CallReward(int step) {
   for (int tile = 0; tile < n_tiles_; ++tile) AddRewards(tile);
 }
 
-void BlockRollouts::RecordStates(int time, const Trajectories& trajectories) {
+void BlockRollouts::RecordStates(int time, const TrajectoryBuffers& trajectories) {
   const std::size_t n_states = task_.states.size(), times = task_.horizon + std::size_t{1};
   for (int lane = 0; lane < lanes_; ++lane) {
     double* const row = &trajectories.states[(lane * times + time) * n_states];
@@ -258,7 +258,7 @@ void BlockRollouts::RecordStates(int time, const Trajectories& trajectories) {
   }
 }
 
-void BlockRollouts::Record(int step, const Trajectories& trajectories) {
+void BlockRollouts::Record(int step, const TrajectoryBuffers& trajectories) {
   RecordStates(step + 1, trajectories);
   const std::size_t n_actions = task_.actions.size(), horizon = task_.horizon;
   for (int lane = 0; lane < lanes_; ++lane) {
@@ -272,7 +272,7 @@ void BlockRollouts::Record(int step, const Trajectories& trajectories) {
   }
 }
 
-void BlockRollouts::Run(std::span<double> returns, const Trajectories* trajectories,
+void BlockRollouts::Run(std::span<double> returns, const TrajectoryBuffers* trajectories,
                         const std::atomic<bool>* stop) {
   if (trajectories != nullptr) RecordStates(0, *trajectories);
   for (int step = 0; step < task_.horizon; ++step) {

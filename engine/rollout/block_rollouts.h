@@ -16,8 +16,8 @@
 
 namespace downpour {
 
-// Rollouts as they went, row-major: L lanes, H steps.
-struct Trajectories {
+// Where rollouts as they went are to be written, row-major: L lanes, H steps.
+struct TrajectoryBuffers {
   std::span<double> states;   // L x (H + 1) x E
   std::span<double> actions;  // L x H x A
   std::span<double> rewards;  // L x H
@@ -42,7 +42,7 @@ class BlockRollouts {
   // has diverged on, these are NaN. `stop` (may be null) is looked at before every step; once it is
   // true, throws Interrupted. Throws InvalidInput if a function gave a number that is not finite.
   // Once.
-  void Run(std::span<double> returns, const Trajectories* trajectories,
+  void Run(std::span<double> returns, const TrajectoryBuffers* trajectories,
            const std::atomic<bool>* stop);
 
  private:
@@ -61,8 +61,8 @@ class BlockRollouts {
   void CallReward(int step);
   void CheckFinite(const char* function, int step, int rows,
                    const std::vector<double>& block) const;
-  void Record(int step, const Trajectories& trajectories);
-  void RecordStates(int time, const Trajectories& trajectories);
+  void Record(int step, const TrajectoryBuffers& trajectories);
+  void RecordStates(int time, const TrajectoryBuffers& trajectories);
 
   const Task& task_;
   const Policy* policy_;

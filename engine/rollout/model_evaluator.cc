@@ -113,7 +113,7 @@ void ModelEvaluator::EvaluateTiles(std::span<const double> parameters, StreamKey
 }
 
 void ModelEvaluator::Rollout(std::span<const double> parameters, std::uint64_t seed,
-                             const Trajectories& trajectories,
+                             const TrajectoryBuffers& trajectories,
                              const std::atomic<bool>* stop) const {
   const auto n_parameters = static_cast<int>(parameters.size());
   CheckParameters(parameters.size(), n_parameters);

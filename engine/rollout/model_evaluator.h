@@ -46,7 +46,8 @@ class ModelEvaluator {
 
   // The rollouts of one parameter vector as they went (lane = rollout).
   void Rollout(std::span<const double> parameters, std::uint64_t seed,
-               const Trajectories& trajectories, const std::atomic<bool>* stop = nullptr) const;
+               const TrajectoryBuffers& trajectories,
+               const std::atomic<bool>* stop = nullptr) const;
 
  private:
   void CheckParameters(std::size_t size, int n_parameters) const;

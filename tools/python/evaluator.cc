@@ -103,8 +103,8 @@ class PyEvaluator {
     py::array_t<double> states({lanes, horizon + 1, py::ssize_t{task_.n_states()}});
     py::array_t<double> actions({lanes, horizon, py::ssize_t{task_.n_actions()}});
     py::array_t<double> rewards({lanes, horizon});
-    const Trajectories trajectories{MutableSpan(&states), MutableSpan(&actions),
-                                    MutableSpan(&rewards)};
+    const TrajectoryBuffers trajectories{MutableSpan(&states), MutableSpan(&actions),
+                                         MutableSpan(&rewards)};
     const ModelEvaluator evaluator = Make(parameters.size());
     const std::span<const double> row = Span(parameters);
     RunInterruptibly([&](const std::atomic<bool>* stop) {
