@@ -45,6 +45,7 @@ ModelEvaluator::ModelEvaluator(std::shared_ptr<const MultiOutputGp> model, Task 
               Count(task_.n_actions()));
   Require(policy_ != nullptr || functions_.policy, "no policy: must be given");
   Require(task_.reward != nullptr || functions_.reward, "no reward: must be given");
+  Require(task_.prior == nullptr, "the task has a prior of its dynamics: must have none");
   Require(rollouts >= 1 && rollouts <= 1'000'000,
           "rollouts = " + std::to_string(rollouts) + ": must be in [1, 1000000]");
   Require(task_.horizon >= 1 && task_.horizon <= 1'000'000,

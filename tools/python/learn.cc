@@ -8,6 +8,7 @@
 
 #include "engine/learner/learner.h"
 #include "tools/downpour/config.h"
+#include "tools/downpour/prior.h"
 #include "tools/python/interrupt.h"
 #include "tools/python/task_arguments.h"
 
@@ -155,6 +156,7 @@ LearnResult Learn(py::handle task, py::handle seed, py::handle episodes, const p
                          ": must be None or a callable");
   }
   ResolvedRun run = ResolveConfig(ToSettings(task, seed, episodes, threads, settings));
+  UsePrior(run.config, &run.task);
   Learner learner(run.task, run.config.learner);
   LearnResult result;
   std::vector<double> parameters;
