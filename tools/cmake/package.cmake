@@ -44,6 +44,23 @@ foreach(library ${libraries} engine c)
   set_target_properties(downpour_${library} PROPERTIES EXPORT_NAME ${library})
 endforeach()
 
+# Reference pages of these headers (docs/Doxyfile).
+find_program(DOXYGEN doxygen)
+mark_as_advanced(DOXYGEN)
+if(DOXYGEN)
+  set(headers tools/c/downpour.h)
+  foreach(library ${libraries})
+    list(APPEND headers ${${library}_headers})
+  endforeach()
+  list(JOIN headers " " headers)
+  file(MAKE_DIRECTORY ${PROJECT_BINARY_DIR}/docs)
+  set(docs_command ${CMAKE_COMMAND} -E env DOWNPOUR_HEADERS=${headers}
+      DOWNPOUR_VERSION=${PROJECT_VERSION} DOWNPOUR_DOCS=${PROJECT_BINARY_DIR}/docs
+      ${DOXYGEN} docs/Doxyfile)
+  add_custom_target(downpour_docs COMMAND ${docs_command} WORKING_DIRECTORY ${PROJECT_SOURCE_DIR}
+                    COMMENT "Reference pages in ${PROJECT_BINARY_DIR}/docs/html" VERBATIM)
+endif()
+
 if(DOWNPOUR_INSTALL)
   set(libraries_installed ${libraries})
   list(TRANSFORM libraries_installed PREPEND downpour_)
