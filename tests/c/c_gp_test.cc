@@ -182,6 +182,9 @@ TEST_CASE("C library: messages belong to a thread") {
   std::string other = "unset";
   std::thread([&] { other = downpour_last_error(); }).join();
   CHECK(other.empty());
+  CheckFailure(downpour_gp_options_init(nullptr), DOWNPOUR_INVALID_INPUT, "options: NULL");
+  CheckFailure(downpour_evaluator_options_init(nullptr), DOWNPOUR_INVALID_INPUT, "options: NULL");
+  CheckFailure(downpour_cmaes_options_init(nullptr), DOWNPOUR_INVALID_INPUT, "options: NULL");
   downpour_gp_destroy(nullptr);
   downpour_evaluator_destroy(nullptr);
   downpour_cmaes_destroy(nullptr);

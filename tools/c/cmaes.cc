@@ -95,13 +95,16 @@ std::size_t RequirePopulation(const downpour_cmaes& cmaes, int population) {
 using namespace downpour;     // NOLINT: the functions are C's
 using namespace downpour::c;  // NOLINT
 
-void downpour_cmaes_options_init(downpour_cmaes_options* options) {
-  const MinimiseOptions defaults;
-  *options = {};
-  options->size = sizeof *options;
-  options->restarts = DOWNPOUR_RESTARTS_BIPOP;
-  options->evaluations = defaults.evaluations;
-  options->target = defaults.target;
+int downpour_cmaes_options_init(downpour_cmaes_options* options) {
+  return Guard([&] {
+    RequireSet(options, "options");
+    const MinimiseOptions defaults;
+    *options = {};
+    options->size = sizeof *options;
+    options->restarts = DOWNPOUR_RESTARTS_BIPOP;
+    options->evaluations = defaults.evaluations;
+    options->target = defaults.target;
+  });
 }
 
 int downpour_cmaes_create(const double* start, int n_parameters, double sigma,

@@ -82,7 +82,7 @@ typedef struct downpour_gp_options {
   uint64_t seed;             /* 0; of the starts of downpour_gp_fit */
 } downpour_gp_options;
 
-void downpour_gp_options_init(downpour_gp_options* options);
+int downpour_gp_options_init(downpour_gp_options* options);
 
 /* A GP with the hyper-parameters of highest likelihood. inputs n x D, targets n x E, finite.
  * options may be NULL: the defaults. */
@@ -174,7 +174,7 @@ typedef struct downpour_evaluator_options {
   double sample_clamp; /* 0; > 0: samples within that many standard deviations */
 } downpour_evaluator_options;
 
-void downpour_evaluator_options_init(downpour_evaluator_options* options);
+int downpour_evaluator_options_init(downpour_evaluator_options* options);
 
 /* Copies what options point to, but for user_data. */
 int downpour_evaluator_create(const downpour_gp* gp, const downpour_evaluator_options* options,
@@ -225,7 +225,7 @@ typedef struct downpour_cmaes_options {
   uint64_t seed;       /* 0 */
 } downpour_cmaes_options;
 
-void downpour_cmaes_options_init(downpour_cmaes_options* options);
+int downpour_cmaes_options_init(downpour_cmaes_options* options);
 
 /* start (P), finite; sigma > 0. options may be NULL. */
 int downpour_cmaes_create(const double* start, int n_parameters, double sigma,

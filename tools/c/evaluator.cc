@@ -148,14 +148,17 @@ std::span<const double> Parameters(const double* parameters, std::int64_t n, int
 using namespace downpour;     // NOLINT: the functions are C's
 using namespace downpour::c;  // NOLINT
 
-void downpour_evaluator_options_init(downpour_evaluator_options* options) {
-  *options = {};
-  options->size = sizeof *options;
-  options->hidden_units = 10;
-  options->rollouts = 1;
-  options->threads = 1;
-  options->use_variance = 1;
-  options->predict_noise = 1;
+int downpour_evaluator_options_init(downpour_evaluator_options* options) {
+  return Guard([&] {
+    RequireSet(options, "options");
+    *options = {};
+    options->size = sizeof *options;
+    options->hidden_units = 10;
+    options->rollouts = 1;
+    options->threads = 1;
+    options->use_variance = 1;
+    options->predict_noise = 1;
+  });
 }
 
 int downpour_evaluator_create(const downpour_gp* gp, const downpour_evaluator_options* options,

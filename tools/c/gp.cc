@@ -59,10 +59,17 @@ void Set(int value, int* to) {
 using namespace downpour;     // NOLINT: the functions are C's
 using namespace downpour::c;  // NOLINT
 
-void downpour_gp_options_init(downpour_gp_options* options) {
-  const QueryPlanOptions plan;
-  *options = {
-      sizeof *options, plan.variance_tolerance, plan.mean_tolerance, DOWNPOUR_BACKEND_FUSED, 1, 0};
+int downpour_gp_options_init(downpour_gp_options* options) {
+  return Guard([&] {
+    RequireSet(options, "options");
+    const QueryPlanOptions plan;
+    *options = {};
+    options->size = sizeof *options;
+    options->variance_tolerance = plan.variance_tolerance;
+    options->mean_tolerance = plan.mean_tolerance;
+    options->backend = DOWNPOUR_BACKEND_FUSED;
+    options->threads = 1;
+  });
 }
 
 int downpour_gp_fit(const double* inputs, const double* targets, int n, int n_inputs, int n_outputs,
