@@ -18,7 +18,7 @@ set(rollout_headers
     engine/candidate_group.h engine/rollout/block_functions.h engine/rollout/block_rollouts.h
     engine/rollout/evaluator.h engine/rollout/evaluator_statistics.h engine/rollout/lost_causes.h
     engine/rollout/model_evaluator.h engine/rollout/policy.h engine/rollout/reward.h
-    engine/rollout/task.h)
+    engine/rollout/task.h engine/rollout/trajectories.h)
 set(search_headers
     engine/search/bipop.h engine/search/bounds.h engine/search/cma_es.h
     engine/search/diagonal_covariance.h engine/search/fitness_history.h
