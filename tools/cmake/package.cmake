@@ -16,8 +16,10 @@ set(gp_headers
     engine/gp/process_settings.h engine/gp/query_plan.h engine/single_threaded_blas.h)
 set(rollout_headers
     engine/candidate_group.h engine/rollout/block_functions.h engine/rollout/block_rollouts.h
-    engine/rollout/evaluator.h engine/rollout/evaluator_statistics.h engine/rollout/lost_causes.h
-    engine/rollout/model_evaluator.h engine/rollout/policy.h engine/rollout/reward.h
+    engine/rollout/dynamics_prior.h engine/rollout/evaluator.h
+    engine/rollout/evaluator_statistics.h engine/rollout/lost_causes.h
+    engine/rollout/model_evaluator.h engine/rollout/policy.h engine/rollout/prior_pool.h
+    engine/rollout/reward.h
     engine/rollout/task.h engine/rollout/trajectories.h)
 set(search_headers
     engine/search/bipop.h engine/search/bounds.h engine/search/cma_es.h
