@@ -155,7 +155,7 @@ typedef struct downpour_evaluator_options {
   /* A built-in task, e.g. "cartpole": its features, reward, start, limits and horizon. NULL, the
    * default: none; features are the states, and reward, start and horizon must be given. */
   const char* task;
-  const char* preset; /* "paper" or "original-code"; NULL: "paper" */
+  const char* preset; /* "paper" or "original-code"; NULL: the task's own */
   /* "nn", "linear", "gp" or "dmp" (docs/policies.md); NULL: "nn". */
   const char* policy;
   int hidden_units;                         /* 10; nn: of its one hidden layer */

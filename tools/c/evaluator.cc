@@ -115,7 +115,7 @@ std::unique_ptr<downpour_evaluator> Make(const downpour_gp& gp,
                                          const downpour_evaluator_options& options) {
   Task task = options.task == nullptr
                   ? PlainTask(*gp.model, options)
-                  : MakeTask(options.task, options.preset == nullptr ? "paper" : options.preset);
+                  : MakeTask(options.task, options.preset == nullptr ? "" : options.preset);
   Override(options, &task);
   std::shared_ptr<const Policy> policy;
   if (options.policy_function == nullptr) policy = ToPolicy(options, task);

@@ -60,7 +60,7 @@ using namespace downpour;     // NOLINT: the functions are C's
 using namespace downpour::c;  // NOLINT
 
 int downpour_gp_options_init(downpour_gp_options* options) {
-  return Guard([&] {
+  return Guard([options] {
     RequireSet(options, "options");
     const QueryPlanOptions plan;
     *options = {};

@@ -157,8 +157,8 @@ void AddEnv(py::module_* module) {
       [](py::handle task, py::handle preset) {
         return std::make_unique<Env>(MakeTask(ToText(task, "task"), ToText(preset, "preset")));
       },
-      arg("task"), arg("preset") = "paper",
-      "make(task, preset=\"paper\") -> Env\n\nA built-in task on its simulator; downpour.tasks() "
+      arg("task"), arg("preset") = "",
+      "make(task, preset=\"\") -> Env\n\nA built-in task on its simulator; downpour.tasks() "
       "lists them.");
   module->def(
       "tasks",

@@ -22,7 +22,7 @@ constexpr char kDoc[] =
 
 Evaluator(model, task=None, features=None, policy="nn", reward=None, rollouts=1, horizon=None,
           start=None, action_limit=None, start_std=None, hidden_units=(10,), activation="tanh",
-          points=0, use_variance=True, predict_noise=True, sample_clamp=0.0, preset="paper",
+          points=0, use_variance=True, predict_noise=True, sample_clamp=0.0, preset="",
           threads=2)
 
 The model's inputs are (features, action), its outputs the differences of the state over a step. A
@@ -224,7 +224,7 @@ void AddEvaluator(py::module_* module) {
            arg("start") = none, arg("action_limit") = none, arg("start_std") = none,
            arg("hidden_units") = py::make_tuple(10), arg("activation") = "tanh", arg("points") = 0,
            arg("use_variance") = true, arg("predict_noise") = true, arg("sample_clamp") = 0.0,
-           arg("preset") = "paper", arg("threads") = 2)
+           arg("preset") = "", arg("threads") = 2)
       .def("evaluate", &PyEvaluator::Evaluate, arg("thetas"), arg("seed") = 0, kEvaluateDoc)
       .def("rollout", &PyEvaluator::Rollout, arg("theta"), arg("seed") = 0, kRolloutDoc)
       .def_property_readonly(
