@@ -20,7 +20,7 @@ struct GpSettings {
 };
 
 GpSettings ToSettings(const downpour_gp_options* given) {
-  downpour_gp_options options;
+  downpour_gp_options options = {};
   downpour_gp_options_init(&options);
   if (given != nullptr) {
     RequireSize(given, "options");
@@ -60,7 +60,7 @@ using namespace downpour;     // NOLINT: the functions are C's
 using namespace downpour::c;  // NOLINT
 
 int downpour_gp_options_init(downpour_gp_options* options) {
-  return Guard([options] {
+  return Guard([&] {
     RequireSet(options, "options");
     const QueryPlanOptions plan;
     *options = {};
