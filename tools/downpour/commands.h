@@ -20,7 +20,7 @@ class RunInterrupted : public std::runtime_error {
 
 // Each adds one subcommand, which runs while the command line is parsed and throws the exceptions
 // of engine/errors.h.
-// `program` is the program as typed, for the command that goes on with a stopped run.
+// `program` is the program as typed, for the command that goes on with a stopped run or study.
 void AddLearnCommand(CLI::App* app, const std::string& program);
 void AddEvaluateCommand(CLI::App* app);
 void AddActCommand(CLI::App* app);
@@ -28,6 +28,8 @@ void AddExportCommand(CLI::App* app);
 void AddPredictCommand(CLI::App* app);
 void AddPlotCommand(CLI::App* app);
 void AddRenderCommand(CLI::App* app);
+void AddStudyCommand(CLI::App* app, const std::string& program);
+void AddReportCommand(CLI::App* app);
 void AddTasksCommand(CLI::App* app);
 void AddSimulateCommand(CLI::App* app);
 void AddDoctorCommand(CLI::App* app);

@@ -3,7 +3,6 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
-#include <toml++/toml.h>
 
 #include <algorithm>
 #include <cmath>
@@ -18,6 +17,7 @@
 #include "engine/learner/suggest.h"
 #include "tasks/registry.h"
 #include "tasks/toml_task/toml_task.h"
+#include "tools/downpour/config_toml.h"
 
 namespace downpour {
 namespace {
@@ -78,27 +78,6 @@ void CheckTable(const std::vector<Field>& fields, const std::string& origin,
     if (table != field.key && (tables.empty() || tables.back() != table)) tables.push_back(table);
   }
   throw InvalidInput(fmt::format("{}: unknown table {}; {}", origin, name, Suggest(name, tables)));
-}
-
-// Walks the tables of a file; a key of a table in a table is "outer.inner".
-void Flatten(const std::vector<Field>& fields, const std::string& path, const std::string& prefix,
-             const toml::table& table, std::vector<Setting>* settings) {
-  for (const auto& [name, node] : table) {
-    const std::string key = prefix + std::string(name.str());
-    const std::string origin = fmt::format("{}:{}", path, node.source().begin.line);
-    if (const toml::table* inner = node.as_table()) {
-      CheckTable(fields, origin, key);
-      Flatten(fields, path, key + ".", *inner, settings);
-      continue;
-    }
-    FindField(fields, origin, key);
-    settings->push_back(FromNode(origin, key, node));
-    auto* const value = std::get_if<std::string>(&settings->back().value);
-    if (key == "task" && value != nullptr && IsTaskFile(*value)) {
-      const std::filesystem::path folder = std::filesystem::path(path).parent_path();
-      *value = (folder / *value).lexically_normal().string();
-    }
-  }
 }
 
 // Writes the value of a setting into a member; false where the field does not accept it.
@@ -229,18 +208,47 @@ void CheckOneTask(const std::vector<Setting>& settings) {
 
 }  // namespace
 
-std::vector<Setting> ReadConfigFile(const std::string& path) {
+Setting FileSetting(const std::string& path, const std::string& key, const toml::node& node) {
+  Setting setting = FromNode(fmt::format("{}:{}", path, node.source().begin.line), key, node);
+  auto* const value = std::get_if<std::string>(&setting.value);
+  if (key == "task" && value != nullptr && IsTaskFile(*value)) {
+    const std::filesystem::path folder = std::filesystem::path(path).parent_path();
+    *value = (folder / *value).lexically_normal().string();
+  }
+  return setting;
+}
+
+void AppendSettings(const std::vector<Field>& fields, const std::string& path,
+                    const toml::table& table, std::vector<Setting>* settings,
+                    const std::string& prefix) {
+  for (const auto& [name, node] : table) {
+    const std::string key = prefix + std::string(name.str());
+    const std::string origin = fmt::format("{}:{}", path, node.source().begin.line);
+    if (const toml::table* inner = node.as_table()) {
+      CheckTable(fields, origin, key);
+      AppendSettings(fields, path, *inner, settings, key + ".");
+      continue;
+    }
+    FindField(fields, origin, key);
+    settings->push_back(FileSetting(path, key, node));
+  }
+}
+
+toml::table ParseTomlFile(const std::string& path) {
   const std::string text = ReadFile(path);
   try {
-    const toml::table table = toml::parse(text, path);
-    std::vector<Setting> settings;
-    RunConfig config;
-    Flatten(ConfigFields(config), path, "", table, &settings);
-    return settings;
+    return toml::parse(text, path);
   } catch (const toml::parse_error& error) {
     throw InvalidInput(fmt::format("{}:{}:{}: no valid TOML: {}", path, error.source().begin.line,
                                    error.source().begin.column, error.description()));
   }
+}
+
+std::vector<Setting> ReadConfigFile(const std::string& path) {
+  std::vector<Setting> settings;
+  RunConfig config;
+  AppendSettings(ConfigFields(config), path, ParseTomlFile(path), &settings);
+  return settings;
 }
 
 Setting ReadSetting(const std::string& origin, const Field& field, const std::string& text) {

@@ -8,7 +8,6 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 #include <cstdlib>
-#include <fstream>
 #include <string>
 #include <vector>
 
@@ -16,6 +15,7 @@
 #include "engine/gp/process_settings.h"
 #include "kernels/fma_peak/fma_peak.h"
 #include "tools/downpour/commands.h"
+#include "tools/downpour/machine.h"
 #include "tools/downpour/offscreen.h"
 
 namespace downpour {
@@ -25,15 +25,6 @@ namespace {
 constexpr double kPeakSeconds = 0.2;
 // Below this, one core has no AVX2 or shares its time with others.
 constexpr double kSlowGflops = 20;
-
-std::string CpuModel() {
-  std::ifstream info("/proc/cpuinfo");
-  for (std::string line; std::getline(info, line);) {
-    const std::size_t colon = line.find(": ");
-    if (line.starts_with("model name") && colon != std::string::npos) return line.substr(colon + 2);
-  }
-  return "unknown";
-}
 
 std::string Compiler() {
 #if defined(__clang__)

@@ -73,6 +73,8 @@ int Run(int argc, char** argv) {
   AddPredictCommand(&app);
   AddPlotCommand(&app);
   AddRenderCommand(&app);
+  AddStudyCommand(&app, argv[0]);
+  AddReportCommand(&app);
   AddTasksCommand(&app);
   AddSimulateCommand(&app);
   AddDoctorCommand(&app);
@@ -84,6 +86,7 @@ int Run(int argc, char** argv) {
       "  downpour act runs/cartpole-seed0           states in, actions out\n"
       "  downpour plot runs/cartpole-seed0          how it was learnt, as a picture\n"
       "  downpour render runs/cartpole-seed0        the last episode, as a filmstrip\n"
+      "  downpour study study.toml                  many seeds and settings, for downpour report\n"
       "Exit codes: 0 fine, 2 bad input, 3 the robot failed, 130 interrupted (Ctrl-C), 143 "
       "terminated, 1 any other failure.");
   try {

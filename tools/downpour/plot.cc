@@ -16,15 +16,15 @@
 #include "engine/errors.h"
 #include "tools/downpour/commands.h"
 #include "tools/downpour/option_help.h"
+#include "tools/downpour/python_script.h"
 #include "tools/downpour/read_run.h"
 
 namespace downpour {
 
-const char* PlotScript();  // plot.py
+extern const char* const k_plot_py;  // plot.py
 
 namespace {
 
-constexpr const char* kPython = "/usr/bin/python3";
 constexpr int kRollouts = 200;
 
 struct PlotArguments {
@@ -57,17 +57,6 @@ void GiveStandardInput(std::string_view text) {
   }
 }
 
-// With -P it imports nothing from the working directory. The script takes the process over: its
-// exit status is the command's.
-[[noreturn]] void RunScript(std::vector<std::string> words) {
-  words.insert(words.begin(), {kPython, "-P", "-c", PlotScript()});
-  std::vector<char*> argv;
-  for (std::string& word : words) argv.push_back(word.data());
-  argv.push_back(nullptr);
-  execv(kPython, argv.data());
-  throw FileError(fmt::format("{}: {}: run tools/setup --pictures", kPython, std::strerror(errno)));
-}
-
 void Plot(PlotArguments arguments) {
   for (const std::string& output : arguments.outputs) {
     if (!output.ends_with(".png") && !output.ends_with(".svg")) {
@@ -90,7 +79,7 @@ void Plot(PlotArguments arguments) {
   std::vector<std::string> words = {arguments.run, task.name, std::to_string(record.episode),
                                     fmt::format("{}", task.control_period)};
   words.insert(words.end(), arguments.outputs.begin(), arguments.outputs.end());
-  RunScript(std::move(words));
+  RunPythonScript(k_plot_py, std::move(words));
 }
 
 }  // namespace

@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: Apache-2.0
+#include <fmt/format.h>
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "tools/downpour/commands.h"
+#include "tools/downpour/option_help.h"
+#include "tools/downpour/shell.h"
+#include "tools/downpour/stop.h"
+#include "tools/downpour/study_file.h"
+#include "tools/downpour/study_runner.h"
+
+namespace downpour {
+namespace {
+
+struct StudyArguments {
+  std::string program;  // as typed
+  std::string file;
+  std::string database;
+};
+
+void RunStudy(const StudyArguments& arguments, const std::vector<Setting>& settings) {
+  namespace fs = std::filesystem;
+  Study study = ReadStudyFile(arguments.file);
+  ApplySettings(JobFields(&study), settings);
+  const std::string database = arguments.database.empty()
+                                   ? fs::path(arguments.file).replace_extension(".db").string()
+                                   : arguments.database;
+  StudyRunner runner(arguments.program, std::move(study), database,
+                     fs::path(database).replace_extension(".runs"));
+  InstallStopHandler();
+  if (!runner.Run()) {
+    std::string command =
+        fmt::format("{} study {}", ShellWord(arguments.program), ShellWord(arguments.file));
+    if (!arguments.database.empty()) command += " --database " + ShellWord(database);
+    for (const Setting& setting : settings) {
+      command += fmt::format(" {} {}", setting.origin, ShellWord(setting.text));
+    }
+    throw RunInterrupted(fmt::format("interrupted; {} of {} runs are finished; go on with: {}",
+                                     runner.n_finished(), runner.n_runs(), command),
+                         StopSignal());
+  }
+  fmt::print(stderr, "{} of {} runs are finished in {}; draw them with: {} report {}\n",
+             runner.n_finished(), runner.n_runs(), database, ShellWord(arguments.program),
+             ShellWord(database));
+}
+
+}  // namespace
+
+void AddStudyCommand(CLI::App* app, const std::string& program) {
+  CLI::App* command =
+      app->add_subcommand("study", "Learn with many seeds and settings, for comparison");
+  auto arguments = std::make_shared<StudyArguments>();
+  auto settings = std::make_shared<std::vector<Setting>>();
+  arguments->program = program;
+  command->add_option("STUDY", arguments->file, "TOML file of the study")
+      ->type_name("FILE")
+      ->required()
+      ->check(NotEmpty());
+  command
+      ->add_option("--database", arguments->database,
+                   "SQLite file of the results (default STUDY with .db for .toml)")
+      ->type_name("FILE")
+      ->check(NotEmpty());
+  Study defaults;
+  AddFieldOptions(command, JobFields(&defaults), settings);
+  command->footer(
+      "Every run is a run directory beside the database, STUDY.runs/TASK/VARIANT/SEED. However\n"
+      "the command ends, the same command goes on with what is missing; docs/studies.md has an\n"
+      "example and the tables of the database.");
+  command->callback([arguments, settings] { RunStudy(*arguments, *settings); });
+}
+
+}  // namespace downpour

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+#pragma once
+
+#include <chrono>
+#include <deque>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "engine/learner/directory_lock.h"
+#include "tools/downpour/run_process.h"
+#include "tools/downpour/study_database.h"
+#include "tools/downpour/study_file.h"
+
+namespace downpour {
+
+// Runs what is missing of a study, each replicate as `downpour learn` in a process and a run
+// directory of its own. The directories are what is known of the runs; the database follows them.
+class StudyRunner {
+ public:
+  // Takes `runs`, the directory of the run directories, for this process. Throws InvalidInput if
+  // another one has it, or if the study does not go on with what is in it or in the database.
+  // `program` is this program as it was typed.
+  StudyRunner(std::string program, Study study, const std::string& database,
+              const std::filesystem::path& runs);
+
+  // Returns true if all runs are finished, false if an end was asked for (stop.h). A run that fails
+  // leaves the others alone; throws std::runtime_error at the end if there are any.
+  bool Run();
+
+  int n_runs() const { return static_cast<int>(runs_.size()); }
+  int n_finished() const { return n_finished_; }
+
+ private:
+  using Clock = std::chrono::steady_clock;
+
+  // One replicate, and how far it is.
+  struct Replicate {
+    StudyRun run;
+    int episodes = 0;
+    int solved_episode = 0;  // 0: none
+    double best_return = 0;
+    bool failed = false;
+  };
+  struct Active {
+    Replicate* replicate;
+    RunProcess process;
+  };
+
+  bool Finished(const Replicate& replicate) const;
+  int Threads(const StudyVariant& variant) const;
+  std::filesystem::path Directory(const StudyRun& run) const;
+  LearnerState ReadRun(const StudyRun& run, int* threads) const;
+  void CatchUp(Replicate* replicate);
+  void Fail(Replicate* replicate, const std::string& reason);
+  void Start(Replicate* replicate);
+  void Follow(Active* active);
+  void End(Active* active);
+  void Wait();
+  double EpisodesLeft() const;
+  void Show();
+  void ClearLine();
+
+  std::string program_;
+  Study study_;
+  std::filesystem::path directory_;
+  DirectoryLock lock_;
+  StudyDatabase database_;
+  int jobs_;
+  int threads_;
+  std::vector<Replicate> runs_;
+  std::deque<Active> active_;
+  std::vector<std::string> failures_;
+  int n_finished_ = 0;
+  int n_episodes_ = 0;  // by this process
+  bool terminal_;       // standard error is one
+  bool live_ = false;   // a live line is on the screen
+  Clock::time_point start_;
+  Clock::time_point last_shown_;
+};
+
+}  // namespace downpour
