@@ -55,7 +55,9 @@ def study(path, *options):
 
 def undisturbed():
     path = write("reference", STUDY)
+    start = time.monotonic()
     result = study(path)
+    seconds = time.monotonic() - start
     lines = result.stdout.splitlines()
     claims.check("a study runs every variant on every task with every seed",
                  result.returncode == 0 and len(lines) == 8 and
@@ -82,10 +84,11 @@ def undisturbed():
     claims.check("a finished study has nothing to do",
                  again.returncode == 0 and again.stdout == "" and "8 of 8 runs" in again.stderr,
                  again)
-    return table(path)
+    return table(path), seconds
 
 
-def killed(expected):
+# A quarter of a study is long enough for it to get on between two kills, however slow the build.
+def killed(expected, longest):
     generator = random.Random(1)
     kills = studies = 0
     while kills < KILLS:
@@ -94,7 +97,7 @@ def killed(expected):
         while True:
             process = subprocess.Popen([PROGRAM, "study", path], stdout=subprocess.DEVNULL,
                                        stderr=subprocess.PIPE, text=True)
-            time.sleep(generator.uniform(0, 0.7))
+            time.sleep(generator.uniform(0, longest))
             process.kill()
             _, error = process.communicate()
             if process.returncode == 0:
@@ -254,8 +257,8 @@ def malformed():
                  "downpour: --jobs: jobs = -1: must be an integer in [0, 1024]\n", result)
 
 
-table_of_reference = undisturbed()
-killed(table_of_reference)
+table_of_reference, seconds_of_reference = undisturbed()
+killed(table_of_reference, seconds_of_reference / 4)
 interrupted_and_locked()
 processes_die()
 one_lost_run()
