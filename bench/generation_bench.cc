@@ -15,7 +15,6 @@
 #include <string>
 #include <vector>
 
-#include "bench/fma_peak_together.h"
 #include "bench/program.h"
 #include "bench/run_data.h"
 #include "engine/gp/gp_model.h"
@@ -24,6 +23,7 @@
 #include "engine/rollout/evaluator.h"
 #include "engine/search/policy_search.h"
 #include "tasks/registry.h"
+#include "tools/measure/ceilings.h"
 
 namespace downpour {
 namespace {

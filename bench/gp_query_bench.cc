@@ -18,6 +18,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstddef>
+#include <cstdlib>
 #include <limits>
 #include <map>
 #include <memory>
@@ -34,6 +35,7 @@
 #include "kernels/dense_query/dense_query.h"
 #include "kernels/fma_peak/fma_peak.h"
 #include "kernels/gp_query/gp_query.h"
+#include "tools/measure/machine.h"
 
 namespace downpour {
 namespace {
@@ -380,8 +382,12 @@ int main(int argc, char** argv) {
   downpour::PrepareProcess(argv);
   benchmark::Initialize(&argc, argv);
   if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
-  benchmark::AddCustomContext("simd", downpour::SimdTargetName());
-  benchmark::AddCustomContext("blas_core", downpour::BlasCoreName());
+  for (const auto& [name, value] : downpour::DescribeMachine()) {
+    benchmark::AddCustomContext(name, value);
+  }
+  // A build does not know it: it would differ from one commit to the next.
+  const char* commit = std::getenv("DOWNPOUR_COMMIT");
+  benchmark::AddCustomContext("commit", commit != nullptr ? commit : "unknown");
   downpour::RegisterAll();
   benchmark::RunSpecifiedBenchmarks();
   benchmark::Shutdown();

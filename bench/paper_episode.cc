@@ -3,7 +3,7 @@
 // GP queries on a cart-pole model of 8 episodes (n = 320), by the exact posteriors in fp64 and by
 // the default plan. The search is the learner's own, so that candidates, batches, plan checks and
 // the work between batches are those of a run. Prints where the time went: 60 of the search's
-// batches, evenly over it, are run again kernel by kernel with a clock between (rollout_parts.h);
+// batches, evenly over it, are run again with a clock between the kernels (rollout_parts.h);
 // their shares of the evaluator's time on the same batches divide its time in the search.
 //   paper_episode [RUN] [--threads N] [--plan default|exact|both]
 // RUN is a run directory of cart-pole. Without it, the first call learns 8 episodes with default
@@ -12,10 +12,10 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <numeric>
 #include <span>
@@ -24,9 +24,7 @@
 #include <variant>
 #include <vector>
 
-#include "bench/fma_peak_together.h"
 #include "bench/program.h"
-#include "bench/rollout_parts.h"
 #include "bench/run_data.h"
 #include "engine/errors.h"
 #include "engine/gp/gp_model.h"
@@ -39,6 +37,9 @@
 #include "engine/search/policy_search.h"
 #include "kernels/fma_peak/fma_peak.h"
 #include "tasks/registry.h"
+#include "tools/measure/ceilings.h"
+#include "tools/measure/kept_batch.h"
+#include "tools/measure/machine.h"
 
 namespace downpour {
 namespace {
@@ -55,15 +56,6 @@ using Clock = std::chrono::steady_clock;
 
 double SecondsSince(Clock::time_point start) {
   return std::chrono::duration<double>(Clock::now() - start).count();
-}
-
-std::string CpuModel() {
-  std::ifstream info("/proc/cpuinfo");
-  for (std::string line; std::getline(info, line);) {
-    const std::size_t colon = line.find(": ");
-    if (line.starts_with("model name") && colon != std::string::npos) return line.substr(colon + 2);
-  }
-  return "unknown CPU";
 }
 
 PolicySearchOptions SearchOptions(const Task& task, std::int64_t evaluations, int threads) {
@@ -93,6 +85,8 @@ void MakeRun(const Task& task, const std::filesystem::path& run, int threads) {
   std::filesystem::create_directories(run);
   WriteFileAtomically(run / "transitions.csv", TransitionsCsv(task, learner.state()));
 }
+
+using PartSeconds = std::array<double, kRolloutParts>;
 
 // What is measured around a search.
 struct Episode {
@@ -175,7 +169,9 @@ SampleTimes TimeSample(const Task& task, const Policy& policy, std::span<const K
                        const PlannedModel& model, int threads) {
   const std::span<const QueryFactor> factors = model.factors();
   Evaluator one(task, policy, factors, {.threads = 1}),
-      all(task, policy, factors, {.threads = threads});
+      all(task, policy, factors, {.threads = threads}),
+      timed(task, policy, factors, {.threads = threads});
+  timed.TimeParts();
   SampleTimes times;
   std::vector<BatchTimes> best(sample.size());
   std::vector<double> returns, again;
@@ -194,8 +190,10 @@ SampleTimes TimeSample(const Task& task, const Policy& policy, std::span<const K
       };
       time(&one, &best[i].one_thread);
       time(&all, &best[i].all_threads);
-      const PartSeconds parts = TimeRolloutParts(task, policy, factors, batch, threads, again);
-      if (again != returns) throw std::runtime_error("the parts' rollouts are not the evaluator's");
+      const EvaluatorStatistics before = timed.statistics();
+      timed.Evaluate(batch.parameters, batch.keys, batch.n_rollouts, batch.first_rollout, again);
+      const PartSeconds parts = timed.statistics().Since(before).parts.seconds;
+      if (again != returns) throw std::runtime_error("the clock changed the rollouts");
       const double sum = std::accumulate(parts.begin(), parts.end(), 0.0);
       if (sum < best[i].parts_sum) best[i].parts = parts;
       best[i].parts_sum = std::min(best[i].parts_sum, sum);

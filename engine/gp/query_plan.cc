@@ -149,6 +149,15 @@ double QueryCost(int points, int dim, bool single_precision) {
   return single_precision ? (cost + m * kRowBlock) / 2 : cost;  // with deflation
 }
 
+std::size_t QueryScratchBytes(const QueryFactor& factor, int blas_tiles) {
+  if (const auto* blas = std::get_if<BlasFactor>(&factor)) {
+    return BlasQueryScratchBytes(*blas, blas_tiles);
+  }
+  const auto* single = std::get_if<GpFactor32>(&factor);
+  return single != nullptr ? GpQueryScratchBytes(*single)
+                           : GpQueryScratchBytes(std::get<GpFactor>(factor));
+}
+
 OutputPlan ChoosePlan(const ExactGp& exact, const Eigen::MatrixXd& probes,
                       const QueryPlanOptions& options) {
   CheckTolerance("variance_tolerance", options.variance_tolerance);

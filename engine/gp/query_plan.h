@@ -42,6 +42,9 @@ struct PlanErrors {
 // A posterior for the fused kernel in either precision, or for OpenBLAS.
 using QueryFactor = std::variant<GpFactor, GpFactor32, BlasFactor>;
 
+// Bytes of scratch that queries by `factor` need, with OpenBLAS for `blas_tiles` tiles at once.
+std::size_t QueryScratchBytes(const QueryFactor& factor, int blas_tiles);
+
 // How one output's queries are answered.
 struct OutputPlan {
   bool compressed = false;

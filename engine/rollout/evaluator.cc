@@ -74,13 +74,7 @@ constexpr std::uint32_t kStartStep = 0xFFFFFFFF;
 // Doubles of scratch that queries of the largest factor take.
 std::size_t LargestGpScratch(std::span<const QueryFactor> factors, int block_tiles) {
   std::size_t bytes = 0;
-  for (const QueryFactor& factor : factors) {
-    if (const auto* blas = std::get_if<BlasFactor>(&factor)) {
-      bytes = std::max(bytes, BlasQueryScratchBytes(*blas, block_tiles));
-    } else {
-      std::visit([&](const auto& f) { bytes = std::max(bytes, GpQueryScratchBytes(f)); }, factor);
-    }
-  }
+  for (const QueryFactor& f : factors) bytes = std::max(bytes, QueryScratchBytes(f, block_tiles));
   return (bytes + sizeof(double) - 1) / sizeof(double);
 }
 
@@ -136,6 +130,7 @@ void Evaluator::Evaluate(std::span<const double> parameters, std::span<const Str
                          std::span<double> returns, std::span<const CandidateGroup> groups) {
   const auto start = std::chrono::steady_clock::now();
   const double busy = busy_seconds_, prior = prior_.seconds();
+  std::fill(part_times_.begin(), part_times_.end(), PartTimes{});
   Run({parameters, keys, n_rollouts, first_rollout, returns, nullptr}, groups);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   statistics_.seconds += elapsed.count();
@@ -143,6 +138,7 @@ void Evaluator::Evaluate(std::span<const double> parameters, std::span<const Str
   statistics_.prior_seconds += prior_.seconds() - prior;
   statistics_.diverged += std::count(returns.begin(), returns.end(), penalty_);
   statistics_.rollouts += std::ssize(returns);
+  for (const PartTimes& times : part_times_) statistics_.parts += times;
 }
 
 Trajectories Evaluator::Trace(std::span<const double> parameters, std::span<const StreamKey> keys,
@@ -248,7 +244,6 @@ void Evaluator::PackTile(const Batch& batch, int first, int n, TileScratch* scra
     s.keys1[lane] = batch.keys[source.candidate].word1;
     s.rollouts[lane] = source.rollout;
   }
-  policy_.PrepareTile(s.parameters, s.prepared);
   // Lanes beyond n need not be queried: their means stay at what they are here.
   std::fill_n(s.means, kTileLanes * n_outputs(), 0.0);
   std::fill_n(s.variances, kTileLanes * n_outputs(), 0.0);
@@ -323,13 +318,17 @@ void Evaluator::SampleTile(int output, double limit, const TileScratch& s, doubl
                  values, s.alive);
 }
 
-void Evaluator::AdvanceTile(std::uint32_t step, int n, const TileScratch& s) {
+void Evaluator::AdvanceTile(std::uint32_t step, int n, const TileScratch& s, PartClock* clock) {
   if (!prior_.empty()) prior_.Advance(n, s.inputs + task_.n_features() * kTileLanes, s.states);
+  clock->Charge(kPartPrior);
   if (options_.use_variance) NormalTile(s.keys0, s.keys1, s.rollouts, step, n_outputs(), s.normals);
+  clock->Charge(kPartSampling);
   for (int e = 0; e < task_.n_states(); ++e) {
     SampleTile(e, kStateLimit, s, s.states + e * kTileLanes);
   }
+  clock->Charge(kPartTransition);
   FeatureTile(task_.features.data(), task_.n_features(), s.states, s.inputs);
+  clock->Charge(kPartFeatures);
 }
 
 void Evaluator::RewardTile(std::uint32_t step, const TileScratch& s) const {
@@ -354,6 +353,7 @@ void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, i
   const int n_tiles = WholeTiles(n);
   const std::span<TileScratch> tiles(all_tiles.data(), n_tiles);
   double* const gp_scratch = scratch + block_tiles_ * tile_size_;
+  PartClock clock(part_times_.empty() ? nullptr : &part_times_[omp_get_thread_num()]);
   for (int t = 0; t < n_tiles; ++t) {
     TileScratch* const tile = &tiles[t];
     const int before = t * kTileLanes;
@@ -364,7 +364,11 @@ void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, i
     } else {
       LoadTile(batch, first + before, TileLanes(n, before), tile);
     }
+    clock.Charge(kPartPacking);
+    policy_.PrepareTile(tile->parameters, tile->prepared);
+    clock.Charge(kPartPolicy);
     FeatureTile(task_.features.data(), task_.n_features(), tile->states, tile->inputs);
+    clock.Charge(kPartFeatures);
   }
   const auto record = [&](int step) {
     for (int at = 0; at < n && batch.trajectories != nullptr; at += kTileLanes) {
@@ -376,11 +380,17 @@ void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, i
       policy_.ActTile(step, s.parameters, s.inputs, s.prepared,
                       s.inputs + task_.n_features() * kTileLanes);
     }
+    clock.Charge(kPartPolicy);
     record(step);
     for (int e = 0; e < task_.n_states(); ++e) QueryBlock(e, n, tiles, gp_scratch);
-    for (int t = 0; t < n_tiles; ++t) AdvanceTile(step, TileLanes(n, t * kTileLanes), tiles[t]);
+    clock.Charge(kPartQueries);
+    for (int t = 0; t < n_tiles; ++t) {
+      AdvanceTile(step, TileLanes(n, t * kTileLanes), tiles[t], &clock);
+    }
     if (learnt_reward()) QueryBlock(task_.n_states(), n, tiles, gp_scratch);
+    clock.Charge(kPartQueries);
     for (const TileScratch& tile : tiles) RewardTile(step, tile);
+    clock.Charge(kPartReward);
   }
   record(leg.end);
   for (int lane = 0; lane < n; ++lane) {
@@ -388,11 +398,11 @@ void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, i
     const int at = lane % kTileLanes;
     batch.returns[lanes_[first + lane].index] = s.alive[at] != 0 ? s.sums[at] : penalty_;
   }
-  if (leg.end == task_.horizon) return;
-  for (int t = 0; t < n_tiles; ++t) {
+  for (int t = 0; t < n_tiles && leg.end < task_.horizon; ++t) {
     const int before = t * kTileLanes;
     SaveTile(first + before, TileLanes(n, before), tiles[t]);
   }
+  clock.Charge(kPartPacking);
 }
 
 }  // namespace downpour

@@ -53,6 +53,9 @@ class Evaluator {
   // Goes on with other factors, checked as in the constructor. Allocates.
   void SetFactors(std::span<const QueryFactor> factors);
 
+  // From now on the clock is read between kernels, about 1 ns a query: EvaluatorStatistics::parts.
+  void TimeParts() { part_times_.resize(options_.threads); }
+
   // Sums of rewards over the horizon. Candidate c has the parameters in row c of `parameters`
   // (n x P row-major), runs n_rollouts[c] rollouts numbered from first_rollout[c] with stream
   // keys[c]; returns are written candidate after candidate. Start states are start_mean +
@@ -112,7 +115,7 @@ class Evaluator {
   // Adds samples of an output to `values` (a row); lanes beyond +-limit die.
   void SampleTile(int output, double limit, const TileScratch& scratch, double* values) const;
   // From the queries' answers for n lanes to the next states and features.
-  void AdvanceTile(std::uint32_t step, int n, const TileScratch& scratch);
+  void AdvanceTile(std::uint32_t step, int n, const TileScratch& scratch, PartClock* clock);
   // Adds the rewards of the new states to the sums.
   void RewardTile(std::uint32_t step, const TileScratch& scratch) const;
   int n_outputs() const { return static_cast<int>(factors_.size()); }
@@ -135,6 +138,7 @@ class Evaluator {
   std::vector<double> carried_;    // states (E) of each rollout between two legs
   EvaluatorStatistics statistics_;
   double busy_seconds_ = 0;  // that threads have spent on tiles, all together
+  std::vector<PartTimes> part_times_;  // of each thread in the present call; empty: not wanted
 };
 
 }  // namespace downpour

@@ -3,6 +3,8 @@
 
 #include <cstdint>
 
+#include "engine/rollout/rollout_parts.h"
+
 namespace downpour {
 
 // Counts of all calls of Evaluator::Evaluate so far.
@@ -16,6 +18,7 @@ struct EvaluatorStatistics {
   // depends on them.
   double seconds = 0, idle_seconds = 0;
   double prior_seconds = 0;  // of all threads together, spent in the prior's predictions
+  PartTimes parts;           // after Evaluator::TimeParts
 
   // What has been added since `earlier`.
   EvaluatorStatistics Since(const EvaluatorStatistics& earlier) const {
@@ -28,6 +31,7 @@ struct EvaluatorStatistics {
     since.seconds -= earlier.seconds;
     since.idle_seconds -= earlier.idle_seconds;
     since.prior_seconds -= earlier.prior_seconds;
+    since.parts -= earlier.parts;
     return since;
   }
   double LaneFill() const { return static_cast<double>(steps) / static_cast<double>(lane_steps); }

@@ -11,6 +11,7 @@
 #include <cstddef>
 
 #include "hwy/highway.h"
+#include "kernels/gp_query/covariance_passes.h"
 #include "kernels/gp_query/deflation-inl.h"
 #include "kernels/gp_query/exp2_negative-inl.h"
 #include "kernels/gp_query/gp_query.h"
@@ -44,9 +45,10 @@ HWY_INLINE void SquaredDistances(int run_time_dim, const T* HWY_RESTRICT input,
 
 // e of every point, e' if there is a deflation, and the mean of kWidth vectors of queries, in
 // passes over kRowBlock points at a time: each pass alone keeps its operands in registers.
+// The passes after kLast are left out.
 //   queries      D rows of kWidth vectors, s_d x_d - c_d
 //   covariances  n_padded rows; mean  1 row
-template <int kWidth, int kDim, typename T>
+template <int kWidth, int kDim, CovariancePass kLast, typename T>
 HWY_NOINLINE void CovariancesAndMeanOfDim(const GpFactorT<T>& f, const T* HWY_RESTRICT queries,
                                           T* HWY_RESTRICT covariances, T* HWY_RESTRICT mean) {
   const hn::ScalableTag<T> d;
@@ -66,19 +68,24 @@ HWY_NOINLINE void CovariancesAndMeanOfDim(const GpFactorT<T>& f, const T* HWY_RE
   for (int first = 0; first < f.n_padded; first += kRowBlock) {
     const T* const inputs = f.inputs.data() + static_cast<std::size_t>(first) * f.dim;
     SquaredDistances<kWidth, kDim>(f.dim, inputs, queries, e);
-    for (size_t i = 0; i < kRowBlock * kWidth * lanes; i += kAtOnce * lanes) {
+    constexpr size_t kRows = kLast >= CovariancePass::kExponentials ? kRowBlock : 0;
+    for (size_t i = 0; i < kRows * kWidth * lanes; i += kAtOnce * lanes) {
       V s[kAtOnce];
       for (int v = 0; v < kAtOnce; ++v) s[v] = hn::Load(d, e + i + v * lanes);
       Exp2Negative(d, s);
       for (int v = 0; v < kAtOnce; ++v) hn::Store(s[v], d, e + i + v * lanes);
     }
-    if (!f.deflation.empty()) {
+    if (kLast >= CovariancePass::kDeflation && !f.deflation.empty()) {
       const T* const rows = f.deflation.data() + static_cast<std::size_t>(first) * kRowBlock;
       if (first == 0) {
         SolveFirst<kWidth>(d, rows, e);
       } else {
         SubtractExplained<kWidth>(rows, covariances, e);
       }
+    }
+    if constexpr (kLast < CovariancePass::kMean) {
+      e += kRowBlock * kWidth * lanes;
+      continue;
     }
     for (int i = 0; i < kRowBlock; ++i, e += kWidth * lanes) {
       const V w = hn::Set(d, f.weights[first + i]);
@@ -89,18 +96,18 @@ HWY_NOINLINE void CovariancesAndMeanOfDim(const GpFactorT<T>& f, const T* HWY_RE
 }
 
 // The D of the tasks at compile time.
-template <int kWidth, typename T>
+template <int kWidth, CovariancePass kLast = CovariancePass::kMean, typename T>
 HWY_INLINE void CovariancesAndMean(const GpFactorT<T>& f, const T* HWY_RESTRICT queries,
                                    T* HWY_RESTRICT covariances, T* HWY_RESTRICT mean) {
   switch (f.dim) {
     case 4:
-      return CovariancesAndMeanOfDim<kWidth, 4>(f, queries, covariances, mean);
+      return CovariancesAndMeanOfDim<kWidth, 4, kLast>(f, queries, covariances, mean);
     case 6:
-      return CovariancesAndMeanOfDim<kWidth, 6>(f, queries, covariances, mean);
+      return CovariancesAndMeanOfDim<kWidth, 6, kLast>(f, queries, covariances, mean);
     case 12:
-      return CovariancesAndMeanOfDim<kWidth, 12>(f, queries, covariances, mean);
+      return CovariancesAndMeanOfDim<kWidth, 12, kLast>(f, queries, covariances, mean);
     default:
-      return CovariancesAndMeanOfDim<kWidth, 0>(f, queries, covariances, mean);
+      return CovariancesAndMeanOfDim<kWidth, 0, kLast>(f, queries, covariances, mean);
   }
 }
 

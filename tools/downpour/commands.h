@@ -33,5 +33,7 @@ void AddReportCommand(CLI::App* app);
 void AddTasksCommand(CLI::App* app);
 void AddSimulateCommand(CLI::App* app);
 void AddDoctorCommand(CLI::App* app);
+void AddProfileCommand(CLI::App* app);
+void AddScalingCommand(CLI::App* app);
 
 }  // namespace downpour

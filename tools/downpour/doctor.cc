@@ -15,8 +15,8 @@
 #include "engine/gp/process_settings.h"
 #include "kernels/fma_peak/fma_peak.h"
 #include "tools/downpour/commands.h"
-#include "tools/downpour/machine.h"
 #include "tools/downpour/offscreen.h"
+#include "tools/measure/machine.h"
 
 namespace downpour {
 namespace {
@@ -25,14 +25,6 @@ namespace {
 constexpr double kPeakSeconds = 0.2;
 // Below this, one core has no AVX2 or shares its time with others.
 constexpr double kSlowGflops = 20;
-
-std::string Compiler() {
-#if defined(__clang__)
-  return fmt::format("Clang {}.{}.{}", __clang_major__, __clang_minor__, __clang_patchlevel__);
-#else
-  return fmt::format("GCC {}.{}.{}", __GNUC__, __GNUC_MINOR__, __GNUC_PATCHLEVEL__);
-#endif
-}
 
 // Why this build is slow; empty if it is not.
 std::string SlowBuild() {

@@ -78,6 +78,8 @@ int Run(int argc, char** argv) {
   AddTasksCommand(&app);
   AddSimulateCommand(&app);
   AddDoctorCommand(&app);
+  AddProfileCommand(&app);
+  AddScalingCommand(&app);
   // Last, as a subcommand would inherit it.
   app.footer(
       "Examples:\n"

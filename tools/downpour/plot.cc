@@ -1,19 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <fmt/format.h>
-#include <sys/mman.h>
-#include <unistd.h>
 
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
-#include <cerrno>
-#include <cstring>
 #include <memory>
 #include <string>
-#include <string_view>
 #include <vector>
 
-#include "engine/errors.h"
 #include "tools/downpour/commands.h"
 #include "tools/downpour/option_help.h"
 #include "tools/downpour/python_script.h"
@@ -42,27 +36,8 @@ std::vector<Field> PlotFields(PlotArguments& arguments) {
            .description = "Trajectories of this episode; 0: the last one."}};
 }
 
-// Makes `text` the standard input of this process.
-void GiveStandardInput(std::string_view text) {
-  const int file = memfd_create("prediction", 0);
-  std::size_t done = 0;
-  while (file >= 0 && done < text.size()) {
-    const ssize_t n = write(file, text.data() + done, text.size() - done);
-    if (n < 0) break;
-    done += static_cast<std::size_t>(n);
-  }
-  if (file < 0 || done < text.size() || lseek(file, 0, SEEK_SET) != 0 ||
-      dup2(file, STDIN_FILENO) < 0) {
-    throw FileError(fmt::format("memfd: {}", std::strerror(errno)));
-  }
-}
-
 void Plot(PlotArguments arguments) {
-  for (const std::string& output : arguments.outputs) {
-    if (!output.ends_with(".png") && !output.ends_with(".svg")) {
-      throw InvalidInput(fmt::format("--output: {}: must end in .png or .svg", output));
-    }
-  }
+  CheckPictureNames(arguments.outputs);
   const ReadRun run = ReadRunDirectory(arguments.run);
   const Task& task = run.resolved.task;
   const EpisodeRecord& record = FindEpisode(run, arguments.episode);
@@ -75,11 +50,10 @@ void Plot(PlotArguments arguments) {
       arguments.outputs.push_back((run.path / name).string());
     }
   }
-  GiveStandardInput(prediction);
   std::vector<std::string> words = {arguments.run, task.name, std::to_string(record.episode),
                                     fmt::format("{}", task.control_period)};
   words.insert(words.end(), arguments.outputs.begin(), arguments.outputs.end());
-  RunPythonScript(k_plot_py, std::move(words));
+  RunPythonScript(k_plot_py, std::move(words), prediction);
 }
 
 }  // namespace

@@ -2,12 +2,18 @@
 #pragma once
 
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace downpour {
 
-// Runs the text of a script with these arguments. It takes the process over: its exit status is the
-// command's. It imports nothing from the working directory. Throws FileError if there is no Python.
-[[noreturn]] void RunPythonScript(const std::string& script, std::vector<std::string> words);
+// Replaces this process by Python running `script` with `words` as its arguments and `input` as its
+// standard input: the script's exit status is the command's. Standard output is flushed before.
+// Throws FileError if that fails.
+[[noreturn]] void RunPythonScript(const std::string& script, std::vector<std::string> words,
+                                  std::string_view input = {});
+
+// Throws InvalidInput unless every one of `--output`'s pictures ends in .png or .svg.
+void CheckPictureNames(const std::vector<std::string>& outputs);
 
 }  // namespace downpour

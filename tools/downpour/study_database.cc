@@ -8,7 +8,7 @@
 #include <map>
 
 #include "engine/errors.h"
-#include "tools/downpour/machine.h"
+#include "tools/measure/machine.h"
 
 namespace downpour {
 namespace {
