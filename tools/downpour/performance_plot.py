@@ -47,17 +47,20 @@ def draw_costs(axes, report):
     place, bottom = np.arange(len(models)), np.zeros(len(models))
     for name, colour in COSTS.items():
         share = 100 * np.array([m["costs"][name]["ns"] / m["measured_ns"] for m in models])
-        if share.any():
+        if (share > 0.05).any():
             axes.bar(place, share, 0.75, bottom=bottom, color=colour, label=name)
         bottom += share
     for i, m in enumerate(models):
-        axes.text(i, bottom[i] + 1, f"{m['measured_ns']:.3g} ns", ha="center", fontsize=8)
+        shown = float(f"{m['measured_ns']:.3g}")
+        axes.text(i, max(bottom[i], 100) + 1, f"{shown:g} ns",
+                  ha="center", fontsize=8)
     axes.axhline(100, color=GREY, lw=0.8, ls=":")
     axes.set(title="Where the time of a GP query goes", ylabel="share of the measured time (%)",
-             xlabel="training points n", ylim=(0, 112), xticks=place,
+             xlabel="training points n", ylim=(0, 1.1 * max(100, bottom.max())), xticks=place,
              xticklabels=[model_name(m) for m in models])
     axes.grid(axis="x", visible=False)
-    axes.legend(loc="upper left", bbox_to_anchor=(1, 1), reverse=True, handlelength=1)
+    handles, names = axes.get_legend_handles_labels()
+    axes.legend(handles[::-1], names[::-1], loc="upper left", bbox_to_anchor=(1, 1), handlelength=1)
 
 
 def draw_roofline(axes, report):
@@ -67,6 +70,7 @@ def draw_roofline(axes, report):
     bandwidths = [(name.split("_")[0], rate) for name, rate in ceilings.items()
                   if name.endswith("per_second") and rate]
     intensity = np.logspace(-1.5, 2.5, 200)
+    lowest, slope = peak["fp64"] / 60, 52  # of the vertical axis; of a line of bandwidth, degrees
     for precision, style in (("fp64", "-"), ("fp32", "--")):
         axes.axhline(peak[precision], color=DARK, lw=1, ls=style)
         axes.text(intensity[-1], peak[precision], f"FMA peak {precision}, {peak[precision]:.0f}",
@@ -74,9 +78,9 @@ def draw_roofline(axes, report):
     for name, rate in bandwidths:
         line = np.minimum(rate * intensity, peak["fp32"])
         axes.plot(intensity, line, color=GREY, lw=0.9)
-        at = intensity[8]
-        axes.text(at, 1.15 * rate * at, f"{name}, {rate:.0f} GB/s", fontsize=8, rotation=33,
-                  rotation_mode="anchor", color=GREY)
+        at = max(intensity[8], 1.3 * lowest / rate)
+        axes.text(at, 1.12 * rate * at, f"{name}, {rate:.0f} GB/s", fontsize=8, color=GREY,
+                  rotation=slope, rotation_mode="anchor", clip_on=True)
     sizes = np.linspace(25, 110, len(report["models"]))
     for name in ("covariance", "exponential", "deflation", "mean", "triangle", "openblas"):
         label = name
@@ -93,7 +97,7 @@ def draw_roofline(axes, report):
     axes.set(xscale="log", yscale="log", title="Roofline",
              xlabel="operations a byte of the packed factors read",
              ylabel=f"GFLOP/s, {threads} thread{'s' * (threads > 1)}",
-             ylim=(peak["fp64"] / 60, 1.6 * peak["fp32"]))
+             ylim=(lowest, 1.6 * peak["fp32"]))
     axes.legend(loc="lower right", title="larger dots: more points", title_fontsize=8)
 
 
