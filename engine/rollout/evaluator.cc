@@ -359,11 +359,8 @@ void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, i
     const int before = t * kTileLanes;
     tile->Carve(task_, policy_, n_outputs(), scratch + t * tile_size_);
     PackTile(batch, first + before, TileLanes(n, before), tile);
-    if (leg.begin == 0) {
-      StartTile(tile);
-    } else {
-      LoadTile(batch, first + before, TileLanes(n, before), tile);
-    }
+    if (leg.begin == 0) StartTile(tile);
+    if (leg.begin > 0) LoadTile(batch, first + before, TileLanes(n, before), tile);
     clock.Charge(kPartPacking);
     policy_.PrepareTile(tile->parameters, tile->prepared);
     clock.Charge(kPartPolicy);

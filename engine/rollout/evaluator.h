@@ -137,7 +137,7 @@ class Evaluator {
   std::vector<int> first_return_;  // of each candidate
   std::vector<double> carried_;    // states (E) of each rollout between two legs
   EvaluatorStatistics statistics_;
-  double busy_seconds_ = 0;  // that threads have spent on tiles, all together
+  double busy_seconds_ = 0;            // that threads have spent on tiles, all together
   std::vector<PartTimes> part_times_;  // of each thread in the present call; empty: not wanted
 };
 

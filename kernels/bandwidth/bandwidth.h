@@ -11,8 +11,8 @@ double SumOfDoubles(const double* data, std::size_t n);
 
 // GB/s (10^9 bytes) at which one thread reads `n` doubles over and over, none of them written: the
 // bandwidth of the first cache that holds them, or of the memory. Best of passes, or of groups of
-// passes of 64 KiB or more, that fill `seconds`; one at least, and one before. n >= 1, `data` aligned. Thread-safe,
-// does not allocate.
+// passes of 64 KiB or more, that fill `seconds`; one at least, and one before. n >= 1, `data`
+// aligned. Thread-safe, does not allocate.
 double ReadBandwidth(const double* data, std::size_t n, double seconds);
 
 }  // namespace downpour

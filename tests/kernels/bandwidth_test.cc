@@ -25,8 +25,8 @@ TEST_CASE("bandwidth: every value is read once, for every tail size") {
         magnitude += std::abs(data[i]);
       }
       data[n] = NAN;  // not to be read
-      const double error =
-          static_cast<double>(std::abs(static_cast<long double>(SumOfDoubles(data.data(), n)) - sum));
+      const double error = static_cast<double>(
+          std::abs(static_cast<long double>(SumOfDoubles(data.data(), n)) - sum));
       CAPTURE(n);
       CHECK(error <= static_cast<double>(magnitude) * static_cast<double>(n) * 1.2e-16);
     }

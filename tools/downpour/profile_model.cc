@@ -65,8 +65,8 @@ KeptBatch MakeBatch(int lanes, int n_parameters, const Draw& draw) {
     const auto index = static_cast<std::uint32_t>(c);
     batch.keys.push_back(DeriveKey(kSeed, StreamPurpose::kPlanProbe, {0, index, 2}));
     draw(DeriveKey(kSeed, StreamPurpose::kPlanProbe, {0, index, 3}),
-         std::span(batch.parameters).subspan(static_cast<std::size_t>(c) * n_parameters,
-                                             n_parameters));
+         std::span(batch.parameters)
+             .subspan(static_cast<std::size_t>(c) * n_parameters, n_parameters));
   }
   return batch;
 }
@@ -136,9 +136,9 @@ ProfileModel SyntheticModel(const Task& task, int n, const ProfileSettings& sett
   return model;
 }
 
-ProfileModel LearntModel(const Task& task, const LearnerOptions& options,
-                         const LearnerState& state, const EpisodeRecord& record,
-                         std::unique_ptr<Policy> policy, const ProfileSettings& settings) {
+ProfileModel LearntModel(const Task& task, const LearnerOptions& options, const LearnerState& state,
+                         const EpisodeRecord& record, std::unique_ptr<Policy> policy,
+                         const ProfileSettings& settings) {
   ProfileModel model{.episode = record.episode, .points = record.points, .task = &task};
   model.policy = std::move(policy);
   model.rollout = options.rollout;

@@ -14,7 +14,7 @@ namespace downpour {
 
 // How a profiled model is queried, and by what.
 struct ProfileSettings {
-  int lanes = 192;  // rollouts of the batch
+  int lanes = 192;                   // rollouts of the batch
   std::string plan = "auto";         // or "exact"
   std::string precision = "double";  // or "single", of the exact plan
   QueryBackend backend = QueryBackend::kFused;
@@ -42,9 +42,9 @@ ProfileModel SyntheticModel(const Task& task, int n, const ProfileSettings& sett
 
 // The model that a learnt episode was searched on, by the plan that the learner's options ask for,
 // the candidates drawn round its policy.
-ProfileModel LearntModel(const Task& task, const LearnerOptions& options,
-                         const LearnerState& state, const EpisodeRecord& record,
-                         std::unique_ptr<Policy> policy, const ProfileSettings& settings);
+ProfileModel LearntModel(const Task& task, const LearnerOptions& options, const LearnerState& state,
+                         const EpisodeRecord& record, std::unique_ptr<Policy> policy,
+                         const ProfileSettings& settings);
 // The same of a run.
 ProfileModel SavedModel(const ReadRun& run, const EpisodeRecord& record,
                         const ProfileSettings& settings);

@@ -133,9 +133,9 @@ void PrintTop(const ProfiledModel& model, const Ceilings& ceilings) {
                                  kCostNames[top], ns, Percent(ns / model.profile.measured_ns));
   text += roof.ns > 0
               ? fmt::format(": {:.2f} x its roofline, which is {}", ns / roof.ns,
-                            roof.memory_bound
-                                ? fmt::format("the reading of {}", kMemoryLevelNames[LevelOf(model)])
-                                : std::string("the FMA peak"))
+                            roof.memory_bound ? fmt::format("the reading of {}",
+                                                            kMemoryLevelNames[LevelOf(model)])
+                                              : std::string("the FMA peak"))
               : std::string(": no roofline, as its arithmetic is not counted");
   PrintWrapped(text);
   PrintWrapped("  outputs: " + PlanSummary(model.plans));
@@ -145,8 +145,7 @@ void PrintTop(const ProfiledModel& model, const Ceilings& ceilings) {
 
 QueryCosts SumOfQueryCosts(const RolloutProfile& profile) {
   QueryCosts sum;
-  for (const Cost cost :
-       {kCovariance, kExponential, kDeflation, kMean, kTriangle, kBlasQueries}) {
+  for (const Cost cost : {kCovariance, kExponential, kDeflation, kMean, kTriangle, kBlasQueries}) {
     const Work& work = profile.work[cost];
     sum.ns += profile.ns[cost];
     sum.work.fp64_operations += work.fp64_operations;

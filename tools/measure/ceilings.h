@@ -23,7 +23,7 @@ MemoryLevel LevelOf(std::size_t bytes, const CacheSizes& caches, int threads);
 // What the machine allows `threads` threads that run at once, all together.
 struct Ceilings {
   int threads = 1;
-  double fp64_gflops = 0, fp32_gflops = 0;              // fused multiply-adds, two operations each
+  double fp64_gflops = 0, fp32_gflops = 0;  // fused multiply-adds, two operations each
   std::array<double, kMemoryLevels> gigabytes_per_second = {};  // read; 0: not measured
 };
 

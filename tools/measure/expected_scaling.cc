@@ -38,7 +38,9 @@ ExpectedSpeedUp ExpectSpeedUp(const ScalingBasis& basis, int threads) {
   const double time =
       basis.serial_seconds + (basis.seconds - basis.serial_seconds) / std::max(gain, 1e-3);
   return {threads, basis.seconds / time,
-          gain == tiles && tiles < fma ? "tiles" : gain == fma ? "FMA" : "bandwidth"};
+          gain == tiles && tiles < fma ? "tiles"
+          : gain == fma                ? "FMA"
+                                       : "bandwidth"};
 }
 
 double SerialSeconds(double outside_one, double outside_n, int n) {

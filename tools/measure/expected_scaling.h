@@ -9,8 +9,8 @@ namespace downpour {
 
 // What the speed-up of a search is expected from, all measured.
 struct ScalingBasis {
-  double seconds = 0;         // a search by one thread
-  double serial_seconds = 0;  // of it, what more threads do not shorten
+  double seconds = 0;            // a search by one thread
+  double serial_seconds = 0;     // of it, what more threads do not shorten
   std::vector<int> batch_lanes;  // rollouts of every batch of the search
   std::vector<double> fma_gain;  // [t - 1]: FMA peak of t threads over that of one
   // GB/s that t threads read where the factors are, and what one thread of the search reads.

@@ -13,8 +13,8 @@ std::string CpuModel();
 // Name and version.
 std::string Compiler();
 
-// What measurements depend on, in order, by names that JSON can use: cpu, processors, cores, caches,
-// simd, blas_core, compiler, flags, kernel, governor, ... What the system does not tell is
+// What measurements depend on, in order, by names that JSON can use: cpu, processors, cores,
+// caches, simd, blas_core, compiler, flags, kernel, governor, ... What the system does not tell is
 // "unknown".
 std::vector<std::pair<std::string, std::string>> DescribeMachine();
 

@@ -17,12 +17,11 @@ int SystemCall(perf_event_attr* attributes, pid_t pid, int cpu, int group, unsig
 }
 
 std::string Reason(const std::string& events, int error) {
-  const char* const advice =
-      error == EACCES || error == EPERM
-          ? "; lower kernel.perf_event_paranoid, or run with CAP_PERFMON"
-      : error == ENOENT || error == EOPNOTSUPP || error == ENODEV
-          ? "; virtual machines often have none"
-          : "";
+  const char* const advice = error == EACCES || error == EPERM
+                                 ? "; lower kernel.perf_event_paranoid, or run with CAP_PERFMON"
+                             : error == ENOENT || error == EOPNOTSUPP || error == ENODEV
+                                 ? "; virtual machines often have none"
+                                 : "";
   return fmt::format("no hardware counters for {}: {}{}", events, std::strerror(error), advice);
 }
 

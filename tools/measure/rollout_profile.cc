@@ -42,7 +42,8 @@ double ClockSeconds() {
 // Passes 0 to `stage` of a tile's queries by one factor.
 class StageRunner {
  public:
-  explicit StageRunner(std::span<const QueryFactor> factors) : mean_(kTileLanes), variance_(kTileLanes) {
+  explicit StageRunner(std::span<const QueryFactor> factors)
+      : mean_(kTileLanes), variance_(kTileLanes) {
     std::size_t bytes = 0;
     for (const QueryFactor& f : factors) bytes = std::max(bytes, QueryScratchBytes(f, 1));
     scratch_.resize(bytes);
@@ -205,8 +206,9 @@ Cost RolloutProfile::Top() const {
 }
 
 RolloutProfile ProfileRollouts(const Task& task, const Policy& policy,
-                               std::span<const QueryFactor> factors, const EvaluatorOptions& options,
-                               const KeptBatch& batch, double seconds) {
+                               std::span<const QueryFactor> factors,
+                               const EvaluatorOptions& options, const KeptBatch& batch,
+                               double seconds) {
   Evaluator plain(task, policy, factors, options);
   Evaluator timed(task, policy, factors, options);
   timed.TimeParts();
@@ -250,13 +252,13 @@ RolloutProfile ProfileRollouts(const Task& task, const Policy& policy,
     }
   }
   profile.packed_bytes = PackedBytes(factors);
-  profile.work = CountWork(factors, options.use_variance,
-                           static_cast<double>(profile.lanes) / profile.tiles);
+  profile.work =
+      CountWork(factors, options.use_variance, static_cast<double>(profile.lanes) / profile.tiles);
   for (int i = 0; i < kPerfEvents; ++i) {
-    profile.events[i] = counters.available(static_cast<PerfEvent>(i))
-                            ? static_cast<double>(counts[i]) / rounds /
-                                  static_cast<double>(profile.queries)
-                            : std::numeric_limits<double>::quiet_NaN();
+    profile.events[i] =
+        counters.available(static_cast<PerfEvent>(i))
+            ? static_cast<double>(counts[i]) / rounds / static_cast<double>(profile.queries)
+            : std::numeric_limits<double>::quiet_NaN();
   }
   profile.missing_events = counters.reason();
   return profile;

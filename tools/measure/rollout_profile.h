@@ -32,8 +32,8 @@ enum Cost {
   kCosts
 };
 inline constexpr std::array kCostNames = {"covariance", "exponential", "deflation", "mean",
-                                          "triangle",   "openblas",    "prior", "sampling",  "features",
-                                          "policy",     "reward",      "bookkeeping"};
+                                          "triangle",   "openblas",    "prior",     "sampling",
+                                          "features",   "policy",      "reward",    "bookkeeping"};
 
 // Arithmetic of one query by one cost, mean of the outputs, and the bytes of packed factors that it
 // reads: a factor is read once a tile.
@@ -46,9 +46,9 @@ struct Work {
 // figures for several threads compare with those for one.
 struct RolloutProfile {
   int threads = 1, lanes = 0, tiles = 0;
-  std::int64_t queries = 0;           // of the batch
-  std::size_t packed_bytes = 0;       // all factors
-  double measured_ns = 0;             // Evaluator::Evaluate, best of the repetitions
+  std::int64_t queries = 0;            // of the batch
+  std::size_t packed_bytes = 0;        // all factors
+  double measured_ns = 0;              // Evaluator::Evaluate, best of the repetitions
   std::array<double, kCosts> ns = {};  // of each cost
   std::array<Work, kCosts> work = {};
   // Per query, NaN where the kernel offers no counter.
@@ -64,8 +64,9 @@ struct RolloutProfile {
 // queries are split by ablation: tiles of inputs that the batch meets, queried on one thread by the
 // first pass of the kernel alone, the first two, and so on; what a pass adds is its share.
 RolloutProfile ProfileRollouts(const Task& task, const Policy& policy,
-                               std::span<const QueryFactor> factors, const EvaluatorOptions& options,
-                               const KeptBatch& batch, double seconds);
+                               std::span<const QueryFactor> factors,
+                               const EvaluatorOptions& options, const KeptBatch& batch,
+                               double seconds);
 
 // The work of one query by all of its costs, in tiles of `lanes` lanes.
 Work QueryWork(std::span<const QueryFactor> factors, bool use_variance, double lanes);
