@@ -149,13 +149,16 @@ double QueryCost(int points, int dim, bool single_precision) {
   return single_precision ? (cost + m * kRowBlock) / 2 : cost;  // with deflation
 }
 
-std::size_t QueryScratchBytes(const QueryFactor& factor, int blas_tiles) {
-  if (const auto* blas = std::get_if<BlasFactor>(&factor)) {
-    return BlasQueryScratchBytes(*blas, blas_tiles);
+std::size_t QueryScratch(std::span<const QueryFactor> factors, int blas_tiles) {
+  std::size_t bytes = 0;
+  for (const QueryFactor& factor : factors) {
+    if (const auto* blas = std::get_if<BlasFactor>(&factor)) {
+      bytes = std::max(bytes, BlasQueryScratchBytes(*blas, blas_tiles));
+    } else {
+      std::visit([&](const auto& f) { bytes = std::max(bytes, GpQueryScratchBytes(f)); }, factor);
+    }
   }
-  const auto* single = std::get_if<GpFactor32>(&factor);
-  return single != nullptr ? GpQueryScratchBytes(*single)
-                           : GpQueryScratchBytes(std::get<GpFactor>(factor));
+  return (bytes + sizeof(double) - 1) / sizeof(double);
 }
 
 OutputPlan ChoosePlan(const ExactGp& exact, const Eigen::MatrixXd& probes,

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstddef>
+#include <span>
 #include <variant>
 
 #include "engine/gp/blas_query.h"
@@ -42,8 +43,9 @@ struct PlanErrors {
 // A posterior for the fused kernel in either precision, or for OpenBLAS.
 using QueryFactor = std::variant<GpFactor, GpFactor32, BlasFactor>;
 
-// Bytes of scratch that queries by `factor` need, with OpenBLAS for `blas_tiles` tiles at once.
-std::size_t QueryScratchBytes(const QueryFactor& factor, int blas_tiles);
+// Doubles of scratch that queries by any of the factors need, with OpenBLAS for `blas_tiles` tiles
+// at once.
+std::size_t QueryScratch(std::span<const QueryFactor> factors, int blas_tiles);
 
 // How one output's queries are answered.
 struct OutputPlan {

@@ -71,13 +71,6 @@ namespace {
 // Step index of the stream that draws start states; steps of the horizon are 0, 1, ...
 constexpr std::uint32_t kStartStep = 0xFFFFFFFF;
 
-// Doubles of scratch that queries of the largest factor take.
-std::size_t LargestGpScratch(std::span<const QueryFactor> factors, int block_tiles) {
-  std::size_t bytes = 0;
-  for (const QueryFactor& f : factors) bytes = std::max(bytes, QueryScratchBytes(f, block_tiles));
-  return (bytes + sizeof(double) - 1) / sizeof(double);
-}
-
 // Builds the message only when it is needed: Evaluate does not allocate.
 template <typename Message>
 void Require(bool condition, const Message& message) {
@@ -121,7 +114,7 @@ void Evaluator::SetFactors(std::span<const QueryFactor> factors) {
                      ? kBlasTiles
                      : 1;
   tile_size_ = TileScratch::Size(task_, policy_, n_outputs());
-  scratch_size_ = block_tiles_ * tile_size_ + LargestGpScratch(factors, block_tiles_);
+  scratch_size_ = block_tiles_ * tile_size_ + QueryScratch(factors, block_tiles_);
   scratch_.resize(scratch_size_ * options_.threads);
 }
 

@@ -10,7 +10,7 @@ import xml.etree.ElementTree
 from command import Claims, downpour, learn, scratch_directory
 
 QUERY = ["covariance", "exponential", "deflation", "mean", "triangle"]
-COSTS = [*QUERY, "openblas", "sampling", "features", "policy", "reward", "bookkeeping"]
+COSTS = [*QUERY, "openblas", "prior", "sampling", "features", "policy", "reward", "bookkeeping"]
 MODEL_KEYS = ["episode", "points", "inputs", "outputs", "plans", "lanes", "tiles", "queries",
               "factor_bytes", "factors_in", "measured_ns", "accounted_for", "costs", "query",
               "top_cost", "top_over_roofline", "events"]

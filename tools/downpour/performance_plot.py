@@ -22,7 +22,7 @@ except ImportError as error:
 
 DARK, MODEL, GREY = "#22303c", "#2878d6", "#6b7785"
 COSTS = {"covariance": "#1f5fa8", "exponential": "#2878d6", "deflation": "#7fb2e8",
-         "mean": "#b9d4f1", "triangle": "#e76f51", "openblas": "#e76f51", "sampling": "#2a9d8f",
+         "mean": "#b9d4f1", "triangle": "#e76f51", "openblas": "#e76f51", "prior": "#b56576", "sampling": "#2a9d8f",
          "features": "#8ccfc4", "policy": "#e9c46a", "reward": "#f2dfb0",
          "bookkeeping": "#a9b4c2"}
 plt.rcParams.update({

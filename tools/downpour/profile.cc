@@ -139,7 +139,7 @@ void AddProfile(ProfileModel model, const ProfileArguments& arguments, ProfileRe
        .n_outputs = static_cast<int>(model.factors.size()),
        .plans = model.plans,
        .profile = ProfileRollouts(*model.task, *model.policy, model.factors, model.rollout,
-                                  model.batch, arguments.seconds)});
+                                  model.batch, arguments.seconds, model.prior)});
 }
 
 void ProfileRun(const ProfileArguments& arguments, ProfileReport* report) {

@@ -44,7 +44,8 @@ void AddFactors(std::vector<ExactGp> gps, const ProfileSettings& settings,
   }
   const Eigen::MatrixXd inputs = gps.front().inputs();
   PlannedModel planned(std::move(gps), PlanOptions(settings, options), model->rollout.threads);
-  Evaluator evaluator(*model->task, *model->policy, planned.exact_factors(), model->rollout);
+  Evaluator evaluator(*model->task, *model->policy, planned.exact_factors(), model->rollout,
+                      model->prior);
   const Eigen::MatrixXd met =
       ProbeInputs(search, policy, kSeed, 0, model->task->n_inputs(), &evaluator);
   Eigen::MatrixXd probes(inputs.rows() + met.rows(), met.cols());
@@ -143,6 +144,7 @@ ProfileModel LearntModel(const Task& task, const LearnerOptions& options, const 
   model.policy = std::move(policy);
   model.rollout = options.rollout;
   model.rollout.threads = 1;
+  if (record.prior) model.prior = record.prior->parameters;
   AddFactors(EpisodeModel(task, state.transitions, record), settings, options.plan, options.search,
              record.policy, &model);
   model.batch = MakeBatch(settings.lanes, model.policy->n_parameters(),

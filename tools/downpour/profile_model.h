@@ -28,6 +28,7 @@ struct ProfileModel {
   const Task* task = nullptr;
   std::unique_ptr<Policy> policy;
   EvaluatorOptions rollout;
+  std::vector<double> prior;  // parameters of the task's prior
   std::vector<QueryFactor> factors;
   std::vector<std::string> plans;  // one an output, "134 of 320 points, fp32"
   KeptBatch batch;

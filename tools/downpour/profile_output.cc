@@ -117,7 +117,7 @@ void PrintWrapped(const std::string& text) {
     const std::string word = text.substr(at, end - at);
     if (!line.empty() && line.size() + 1 + word.size() > 80) {
       fmt::print("{}\n", line);
-      line = " ";
+      line.assign(1, ' ');  // further lines are indented
     }
     line += (line.empty() ? "" : " ") + word;
     at = end + 1;

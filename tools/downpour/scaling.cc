@@ -144,7 +144,8 @@ SearchOutcome Search(const Subject& subject, TimedSearch what) {
   }
   EvaluatorOptions rollout = subject.model.rollout;
   rollout.threads = what.threads;
-  Evaluator evaluator(subject.task, *subject.model.policy, subject.model.factors, rollout);
+  Evaluator evaluator(subject.task, *subject.model.policy, subject.model.factors, rollout,
+                      subject.model.prior);
   SearchOutcome outcome{what, {}, {}};
   const auto start = std::chrono::steady_clock::now();
   const PolicySearchResult result = SearchPolicy(

@@ -43,11 +43,7 @@ double ClockSeconds() {
 class StageRunner {
  public:
   explicit StageRunner(std::span<const QueryFactor> factors)
-      : mean_(kTileLanes), variance_(kTileLanes) {
-    std::size_t bytes = 0;
-    for (const QueryFactor& f : factors) bytes = std::max(bytes, QueryScratchBytes(f, 1));
-    scratch_.resize(bytes);
-  }
+      : mean_(kTileLanes), variance_(kTileLanes), scratch_(QueryScratch(factors, 1)) {}
 
   template <typename T>
   void Run(const GpFactorT<T>& factor, int stage, const double* x) {
@@ -66,8 +62,7 @@ class StageRunner {
   void Run(const BlasFactor&, int, const double*) {}
 
  private:
-  AlignedVector<double> mean_, variance_;
-  AlignedVector<char> scratch_;
+  AlignedVector<double> mean_, variance_, scratch_;
 };
 
 // Full tiles (D x kTileLanes) of inputs (rows x D, row-major) spread evenly over all of them.
@@ -208,9 +203,9 @@ Cost RolloutProfile::Top() const {
 RolloutProfile ProfileRollouts(const Task& task, const Policy& policy,
                                std::span<const QueryFactor> factors,
                                const EvaluatorOptions& options, const KeptBatch& batch,
-                               double seconds) {
-  Evaluator plain(task, policy, factors, options);
-  Evaluator timed(task, policy, factors, options);
+                               double seconds, std::span<const double> prior) {
+  Evaluator plain(task, policy, factors, options, prior);
+  Evaluator timed(task, policy, factors, options, prior);
   timed.TimeParts();
   const double clock_seconds = ClockSeconds();
   std::vector<double> returns(batch.TotalRollouts()), again(returns.size());

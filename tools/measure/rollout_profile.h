@@ -63,10 +63,11 @@ struct RolloutProfile {
 // `seconds` or three times; the best counts. What the clock takes is measured and taken off. The
 // queries are split by ablation: tiles of inputs that the batch meets, queried on one thread by the
 // first pass of the kernel alone, the first two, and so on; what a pass adds is its share.
+// `prior`: as the evaluator's.
 RolloutProfile ProfileRollouts(const Task& task, const Policy& policy,
                                std::span<const QueryFactor> factors,
                                const EvaluatorOptions& options, const KeptBatch& batch,
-                               double seconds);
+                               double seconds, std::span<const double> prior = {});
 
 // The work of one query by all of its costs, in tiles of `lanes` lanes.
 Work QueryWork(std::span<const QueryFactor> factors, bool use_variance, double lanes);
