@@ -119,7 +119,7 @@ def draw_speed_up(axes, task):
     axes.plot([e["threads"] for e in expected], [e["threads"] for e in expected], color=GREY,
               lw=0.8, ls=":", label="ideal")
     axes.plot([e["threads"] for e in expected], [e["speed_up"] for e in expected], color=MODEL,
-              lw=1.4, ls="--", label="expected (see below)")
+              lw=1.4, ls="--", label="expected")
     axes.fill_between(threads, [r["speed_up_quartile_1"] for r in rows],
                       [r["speed_up_quartile_3"] for r in rows], color=DARK, alpha=0.2, lw=0)
     axes.plot(threads, [r["speed_up"] for r in rows], "o-", color=DARK, ms=5,
@@ -151,8 +151,8 @@ def draw_efficiency(axes, task):
     axes.plot(threads, [100 * r["lane_fill"] for r in rows], "^--", color=MODEL, ms=4,
               label="lanes filled")
     axes.set(title=f"{task['task'].capitalize()}: efficiency", xlabel="threads", ylabel="%",
-             ylim=(0, 115), xticks=threads)
-    axes.legend(loc="lower left")
+             ylim=(0, 140), xticks=threads, yticks=range(0, 101, 20))
+    axes.legend(loc="upper left", ncols=2)
 
 
 def draw_scaling(report):

@@ -5,6 +5,7 @@
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -142,23 +143,18 @@ void AddProfile(ProfileModel model, const ProfileArguments& arguments, ProfileRe
                                   model.batch, arguments.seconds, model.prior)});
 }
 
-void ProfileRun(const ProfileArguments& arguments, ProfileReport* report) {
-  const ReadRun run = ReadRunDirectory(arguments.run);
-  report->subject = fmt::format("{} ({})", arguments.run, run.resolved.task.name);
-  std::vector<int> episodes = arguments.episodes;
+// The episodes of the run to profile.
+std::vector<EpisodeRecord> FindEpisodes(const ReadRun& run, const ProfileArguments& arguments) {
+  std::vector<EpisodeRecord> records;
+  for (const int episode : arguments.episodes) records.push_back(FindLearntEpisode(run, episode));
   for (const EpisodeRecord& record : run.state.episodes) {
-    if (arguments.episodes.empty() && !record.random) episodes.push_back(record.episode);
+    if (arguments.episodes.empty() && !record.random) records.push_back(record);
   }
-  if (episodes.empty()) {
-    throw InvalidInput(
-        fmt::format("{}: all episodes were random, without a model; must have a "
-                    "learnt one",
-                    arguments.run));
+  if (records.empty()) {
+    throw InvalidInput(fmt::format(
+        "{}: all episodes were random, without a model; must have a learnt one", arguments.run));
   }
-  for (const int episode : episodes) {
-    AddProfile(SavedModel(run, FindLearntEpisode(run, episode), arguments.settings), arguments,
-               report);
-  }
+  return records;
 }
 
 void ProfileSynthetic(const ProfileArguments& arguments, ProfileReport* report) {
@@ -172,13 +168,19 @@ void ProfileSynthetic(const ProfileArguments& arguments, ProfileReport* report) 
 
 void Profile(const ProfileArguments& arguments) {
   ProfileReport report;
+  std::optional<ReadRun> run;
+  std::vector<EpisodeRecord> records;
+  if (!arguments.run.empty()) {
+    run = ReadRunDirectory(arguments.run);
+    records = FindEpisodes(*run, arguments);
+    report.subject = fmt::format("{} ({})", arguments.run, run->resolved.task.name);
+  }
   const std::string warning = LoadWarning();
   if (!warning.empty()) fmt::print(stderr, "downpour: warning: {}\n", warning);
   report.ceilings = MeasureCeilings(arguments.threads);
-  if (arguments.run.empty()) {
-    ProfileSynthetic(arguments, &report);
-  } else {
-    ProfileRun(arguments, &report);
+  if (!run) ProfileSynthetic(arguments, &report);
+  for (const EpisodeRecord& record : records) {
+    AddProfile(SavedModel(*run, record, arguments.settings), arguments, &report);
   }
   // Paths need not be UTF-8.
   const std::string json =

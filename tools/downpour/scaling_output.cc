@@ -88,13 +88,12 @@ void PrintTask(const ScaledTask& task) {
                100 * row.lane_fill, 100 * row.idle_share,
                expected ? fmt::format("{:.2f}", expected->speed_up) : "-");
   }
-  std::string text;
   for (const int threads : {2, 4, 8, 12, 16, 32, 64}) {
     const ExpectedSpeedUp* expected = FindExpected(task, threads);
     if (expected == nullptr || FindRow(strong, threads) != nullptr) continue;
-    text += fmt::format("  {} threads {:.1f} ({})", threads, expected->speed_up, expected->bound);
+    fmt::print("expected on {} threads: {:.1f}, bound by {}\n", threads, expected->speed_up,
+               expected->bound);
   }
-  if (!text.empty()) fmt::print("expected:{}\n", text);
   if (const auto paper = PaperSpeedUp(task.task)) {
     fmt::print("the authors' program: {:g} on {} cores\n", *paper, kPaperCores);
   }
