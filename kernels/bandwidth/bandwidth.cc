@@ -49,11 +49,11 @@ double SumOfDoubles(const double* data, std::size_t n) {
 
 double ReadBandwidth(const double* data, std::size_t n, double seconds) {
   using Clock = std::chrono::steady_clock;
-  const auto sum = HWY_DYNAMIC_DISPATCH(Sum);
   // A reading of the clock is small beside 64 KiB or more.
   const int passes = static_cast<int>(8192 / n) + 1;
   double best = 0, elapsed = 0;
-  volatile double consumed = sum(data, n);  // fills the caches
+  volatile double consumed = SumOfDoubles(data, n);  // fills the caches and chooses the target
+  const auto sum = HWY_DYNAMIC_DISPATCH(Sum);
   do {
     const auto begin = Clock::now();
     for (int pass = 0; pass < passes; ++pass) consumed = sum(data, n);
