@@ -19,7 +19,7 @@ set(rollout_headers
     engine/rollout/dynamics_prior.h engine/rollout/evaluator.h
     engine/rollout/evaluator_statistics.h engine/rollout/lost_causes.h
     engine/rollout/model_evaluator.h engine/rollout/policy.h engine/rollout/prior_pool.h
-    engine/rollout/reward.h
+    engine/rollout/reward.h engine/rollout/rollout_parts.h
     engine/rollout/task.h engine/rollout/trajectories.h)
 set(search_headers
     engine/search/bipop.h engine/search/bounds.h engine/search/cma_es.h
