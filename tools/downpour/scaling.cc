@@ -44,6 +44,7 @@ struct ScalingArguments {
   std::vector<std::string> outputs;
   std::string csv;
   int episodes = 4, replicates = 5, expect = 16;
+  int concurrent = PolicySearchOptions{}.concurrent;
   std::int64_t evaluations = 60000;
   bool weak = true, pin = false, json = false;
 };
@@ -67,6 +68,12 @@ std::vector<Field> ScalingFields(ScalingArguments& arguments) {
            .min = 100,
            .max = 1e9,
            .description = "Rollouts of a search."},
+          {.key = "concurrent",
+           .option = "--concurrent",
+           .target = &arguments.concurrent,
+           .min = 1,
+           .max = 1024,
+           .description = "search.concurrent of learn: CMA-ES instances that share each batch."},
           {.key = "episodes",
            .option = "--episodes",
            .target = &arguments.episodes,
@@ -123,6 +130,7 @@ Subject MakeSubject(const std::string& name, const ScalingArguments& arguments, 
   subject.start = records[records.size() - 2].policy;
   if (subject.start.empty()) subject.start.assign(learner.policy().n_parameters(), 0.0);
   subject.options.search.evaluations = arguments.evaluations;
+  subject.options.search.concurrent = arguments.concurrent;
   subject.model = LearntModel(subject.task, subject.options, learner.state(), records.back(),
                               MakePolicy(subject.task, subject.options.policy), {});
   subject.model.task = nullptr;  // the subject is moved
