@@ -191,7 +191,7 @@ class TaskReport:
                  xlabel="interaction time (s)", ylim=(0, 108), xlim=(0, end))
         if self.paper.get("seconds", math.inf) <= end:
             self.mark_paper(axes, self.paper["seconds"])
-        axes.legend(loc="lower right")
+        axes.legend(loc="upper left")
         name = f"{self.task}_seconds_to_solve"
         self.page.write_csv(name, ["variant", "interaction_seconds"], rows)
         self.page.figure(name, figure, "Share of runs that had solved the task by then, the random "
