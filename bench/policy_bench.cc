@@ -45,10 +45,10 @@ class Case {
 
   void Repeat() {
     prepare_ = std::min(prepare_, Nanoseconds(50, [this](int) {
-                          policy_->PrepareTile(parameters_.data(), scratch_.data());
+                          policy_->PrepareTile(kTileLanes, parameters_.data(), scratch_.data());
                         }));
     step_ = std::min(step_, Nanoseconds(2000, [this](int step) {
-                       policy_->ActTile(step % 40, parameters_.data(), features_.data(),
+                       policy_->ActTile(step % 40, kTileLanes, parameters_.data(), features_.data(),
                                         scratch_.data(), actions_.data());
                      }));
   }

@@ -115,7 +115,7 @@ std::string Gp(const SavedPolicy& saved, const Task& task) {
   const GpPolicyShape shape{task.n_features(), saved.points, task.n_actions()};
   const AlignedVector<double> parameters = ToOneLane(saved.parameters);
   AlignedVector<double> scratch(static_cast<std::size_t>(shape.scratch_rows()) * kTileLanes);
-  GpPolicyPrepareTile(shape, parameters.data(), scratch.data());
+  GpPolicyPrepareTile(shape, 1, parameters.data(), scratch.data());
   const std::size_t m = task.features.size(), n = static_cast<std::size_t>(saved.points);
   std::string tables, outputs;
   for (int o = 0; o < shape.n_outputs; ++o) {

@@ -125,10 +125,10 @@ void BlockRollouts::StartTile(int tile, std::span<const double> parameters, Stre
       }
     }
   }
-  if (policy_ != nullptr) policy_->PrepareTile(t.parameters, t.prepared);
+  if (policy_ != nullptr) policy_->PrepareTile(TileLanes(tile), t.parameters, t.prepared);
   std::fill_n(t.mean, kTileLanes, 0.0);
   std::fill_n(t.variance, kTileLanes, 0.0);
-  NormalTile(t.keys0, t.keys1, t.rollouts, kStartStep, task_.n_states(), t.states);
+  NormalTile(kTileLanes, t.keys0, t.keys1, t.rollouts, kStartStep, task_.n_states(), t.states);
   for (int e = 0; e < task_.n_states(); ++e) {
     for (int i = 0; i < kTileLanes; ++i) {
       double& state = t.states[e * kTileLanes + i];
@@ -167,12 +167,12 @@ void BlockRollouts::StepTile(int step, int tile) {
   if (functions_.policy) {
     Scatter(tile, task_.n_actions(), action_block_, t.actions);
   } else {
-    policy_->ActTile(step, t.parameters, t.inputs, t.prepared, t.actions);
+    policy_->ActTile(step, TileLanes(tile), t.parameters, t.inputs, t.prepared, t.actions);
     Gather(tile, task_.n_actions(), t.actions, &action_block_);
   }
   if (options_.use_variance) {
-    NormalTile(t.keys0, t.keys1, t.rollouts, static_cast<std::uint32_t>(step), task_.n_states(),
-               t.normals);
+    NormalTile(TileLanes(tile), t.keys0, t.keys1, t.rollouts, static_cast<std::uint32_t>(step),
+               task_.n_states(), t.normals);
   }
   double* const scratch = gp_scratch_.data() + gp_scratch_size_ * omp_get_thread_num();
   double* const variance = options_.use_variance ? t.variance : nullptr;

@@ -237,14 +237,16 @@ void Evaluator::PackTile(const Batch& batch, int first, int n, TileScratch* scra
     s.keys1[lane] = batch.keys[source.candidate].word1;
     s.rollouts[lane] = source.rollout;
   }
-  // Lanes beyond n need not be queried: their means stay at what they are here.
+  // Lanes beyond n need not be computed: these stay at what they are here.
   std::fill_n(s.means, kTileLanes * n_outputs(), 0.0);
   std::fill_n(s.variances, kTileLanes * n_outputs(), 0.0);
+  std::fill_n(s.normals, kTileLanes * n_outputs(), 0.0);
+  std::fill_n(s.inputs + task_.n_features() * kTileLanes, kTileLanes * task_.n_actions(), 0.0);
 }
 
 void Evaluator::StartTile(TileScratch* scratch) const {
   TileScratch& s = *scratch;
-  NormalTile(s.keys0, s.keys1, s.rollouts, kStartStep, task_.n_states(), s.states);
+  NormalTile(kTileLanes, s.keys0, s.keys1, s.rollouts, kStartStep, task_.n_states(), s.states);
   for (int i = 0; i < task_.n_states() * kTileLanes; ++i) {
     const int e = i / kTileLanes;
     s.states[i] = task_.start_mean[e] + task_.start_std[e] * s.states[i];
@@ -314,7 +316,9 @@ void Evaluator::SampleTile(int output, double limit, const TileScratch& s, doubl
 void Evaluator::AdvanceTile(std::uint32_t step, int n, const TileScratch& s, PartClock* clock) {
   if (!prior_.empty()) prior_.Advance(n, s.inputs + task_.n_features() * kTileLanes, s.states);
   clock->Charge(kPartPrior);
-  if (options_.use_variance) NormalTile(s.keys0, s.keys1, s.rollouts, step, n_outputs(), s.normals);
+  if (options_.use_variance) {
+    NormalTile(n, s.keys0, s.keys1, s.rollouts, step, n_outputs(), s.normals);
+  }
   clock->Charge(kPartSampling);
   for (int e = 0; e < task_.n_states(); ++e) {
     SampleTile(e, kStateLimit, s, s.states + e * kTileLanes);
@@ -355,7 +359,7 @@ void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, i
     if (leg.begin == 0) StartTile(tile);
     if (leg.begin > 0) LoadTile(batch, first + before, TileLanes(n, before), tile);
     clock.Charge(kPartPacking);
-    policy_.PrepareTile(tile->parameters, tile->prepared);
+    policy_.PrepareTile(TileLanes(n, before), tile->parameters, tile->prepared);
     clock.Charge(kPartPolicy);
     FeatureTile(task_.features.data(), task_.n_features(), tile->states, tile->inputs);
     clock.Charge(kPartFeatures);
@@ -366,8 +370,9 @@ void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, i
     }
   };
   for (int step = leg.begin; step < leg.end; ++step) {
-    for (const TileScratch& s : tiles) {
-      policy_.ActTile(step, s.parameters, s.inputs, s.prepared,
+    for (int t = 0; t < n_tiles; ++t) {
+      const TileScratch& s = tiles[t];
+      policy_.ActTile(step, TileLanes(n, t * kTileLanes), s.parameters, s.inputs, s.prepared,
                       s.inputs + task_.n_features() * kTileLanes);
     }
     clock.Charge(kPartPolicy);

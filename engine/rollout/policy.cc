@@ -37,9 +37,10 @@ class NeuralNetworkPolicy final : public Policy {
   int n_parameters() const override { return shape_.n_parameters(); }
   int scratch_rows() const override { return shape_.scratch_rows(); }
 
-  void ActTile(int, const double* parameters, const double* features, double* scratch,
+  void ActTile(int, int n_lanes, const double* parameters, const double* features, double* scratch,
                double* actions) const override {
-    MlpTile(shape_, parameters, input_scale_.data(), limits_.data(), features, scratch, actions);
+    MlpTile(shape_, n_lanes, parameters, input_scale_.data(), limits_.data(), features, scratch,
+            actions);
   }
 
  private:
@@ -58,9 +59,10 @@ class LinearPolicy final : public Policy {
   std::string kind() const override { return "linear"; }
   int n_parameters() const override { return shape_.n_parameters(); }
 
-  void ActTile(int, const double* parameters, const double* features, double*,
+  void ActTile(int, int n_lanes, const double* parameters, const double* features, double*,
                double* actions) const override {
-    LinearPolicyTile(shape_, parameters, input_scale_.data(), limits_.data(), features, actions);
+    LinearPolicyTile(shape_, n_lanes, parameters, input_scale_.data(), limits_.data(), features,
+                     actions);
   }
 
  private:
@@ -80,13 +82,13 @@ class GpPolicy final : public Policy {
   int n_parameters() const override { return shape_.n_parameters(); }
   int scratch_rows() const override { return shape_.scratch_rows(); }
 
-  void PrepareTile(const double* parameters, double* scratch) const override {
-    GpPolicyPrepareTile(shape_, parameters, scratch);
+  void PrepareTile(int n_lanes, const double* parameters, double* scratch) const override {
+    GpPolicyPrepareTile(shape_, n_lanes, parameters, scratch);
   }
 
-  void ActTile(int, const double*, const double* features, double* scratch,
+  void ActTile(int, int n_lanes, const double*, const double* features, double* scratch,
                double* actions) const override {
-    GpPolicyTile(shape_, input_scale_.data(), limits_.data(), features, scratch, actions);
+    GpPolicyTile(shape_, n_lanes, input_scale_.data(), limits_.data(), features, scratch, actions);
   }
 
  private:
@@ -107,10 +109,10 @@ class DmpPolicy final : public Policy {
   int n_parameters() const override { return static_cast<int>(limits_.size()) * n_weights_; }
 
   // A step beyond the horizon repeats its last one.
-  void ActTile(int step, const double* parameters, const double*, double*,
+  void ActTile(int step, int n_lanes, const double* parameters, const double*, double*,
                double* actions) const override {
     const std::size_t row = static_cast<std::size_t>(std::min(step, horizon_ - 1));
-    MovementPrimitiveTile(n_weights_, static_cast<int>(limits_.size()),
+    MovementPrimitiveTile(n_weights_, static_cast<int>(limits_.size()), n_lanes,
                           response_.data() + row * n_weights_, parameters, limits_.data(), actions);
   }
 
@@ -135,8 +137,8 @@ void Policy::Act(int step, std::span<const double> parameters, std::span<const d
   const AlignedVector<double> feature_tile = ToOneLane(features);
   AlignedVector<double> scratch(static_cast<std::size_t>(scratch_rows()) * kTileLanes);
   AlignedVector<double> action_tile(action.size() * kTileLanes);
-  PrepareTile(parameter_tile.data(), scratch.data());
-  ActTile(step, parameter_tile.data(), feature_tile.data(), scratch.data(), action_tile.data());
+  PrepareTile(1, parameter_tile.data(), scratch.data());
+  ActTile(step, 1, parameter_tile.data(), feature_tile.data(), scratch.data(), action_tile.data());
   FromOneLane(action_tile, action);
 }
 

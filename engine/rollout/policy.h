@@ -27,14 +27,17 @@ class Policy {
   virtual int scratch_rows() const { return 0; }
   // Writes into `scratch` what ActTile needs of the parameters: called before the first ActTile of
   // a rollout, and again if its lanes are packed anew. Does not allocate.
-  virtual void PrepareTile(const double* /*parameters*/, double* /*scratch*/) const {}
+  virtual void PrepareTile(int /*n_lanes*/, const double* /*parameters*/,
+                           double* /*scratch*/) const {}
   // Actions of one step, numbered from 0: they depend on step, parameters and features alone.
+  //   n_lanes     in [1, kTileLanes]; later lanes may be computed or left as they are, as may
+  //               PrepareTile leave them
   //   parameters  P x kTileLanes; features F x kTileLanes; actions A x kTileLanes
   //   scratch     scratch_rows() x kTileLanes as PrepareTile left it, and ActTile's workspace; what
   //               PrepareTile left must stay
   // Aligned, no aliasing. |action_i| <= action limit. Does not allocate.
-  virtual void ActTile(int step, const double* parameters, const double* features, double* scratch,
-                       double* actions) const = 0;
+  virtual void ActTile(int step, int n_lanes, const double* parameters, const double* features,
+                       double* scratch, double* actions) const = 0;
   // One action (A) for one feature vector (F): the same numbers as a lane of ActTile. Allocates.
   void Act(int step, std::span<const double> parameters, std::span<const double> features,
            std::span<double> action) const;

@@ -98,7 +98,7 @@ void Solve(int n_points, const double* HWY_RESTRICT triangle, const double* HWY_
   }
 }
 
-void GpPolicyPrepare(const GpPolicyShape& shape, const double* HWY_RESTRICT parameters,
+void GpPolicyPrepare(const GpPolicyShape& shape, int n_lanes, const double* HWY_RESTRICT parameters,
                      double* HWY_RESTRICT scratch) {
   const D d;
   const int lanes = static_cast<int>(hn::Lanes(d));
@@ -109,7 +109,7 @@ void GpPolicyPrepare(const GpPolicyShape& shape, const double* HWY_RESTRICT para
     double* const factors = scratch + o * shape.prepared_rows() * kTileLanes;
     double* const scaled = factors + shape.n_inputs * kTileLanes;
     double* const alpha = scaled + shape.n_points * shape.n_inputs * kTileLanes;
-    for (int lane = 0; lane < kTileLanes; lane += lanes) {
+    for (int lane = 0; lane < n_lanes; lane += lanes) {
       ScalePoints(shape, parameters + lane,
                   log_lengthscales + o * shape.n_inputs * kTileLanes + lane, factors + lane,
                   scaled + lane);
@@ -158,7 +158,7 @@ void Output(const GpPolicyShape& shape, const double* HWY_RESTRICT prepared,
   }
 }
 
-void GpPolicy(const GpPolicyShape& shape, const double* HWY_RESTRICT input_scale,
+void GpPolicy(const GpPolicyShape& shape, int n_lanes, const double* HWY_RESTRICT input_scale,
               const double* HWY_RESTRICT limits, const double* HWY_RESTRICT inputs,
               double* HWY_RESTRICT scratch, double* HWY_RESTRICT outputs) {
   const D d;
@@ -166,7 +166,7 @@ void GpPolicy(const GpPolicyShape& shape, const double* HWY_RESTRICT input_scale
   const int prepared = shape.prepared_rows() * kTileLanes;
   double* const scaled_inputs = scratch + shape.n_outputs * prepared;
   for (int o = 0; o < shape.n_outputs; ++o) {
-    for (int lane = 0; lane < kTileLanes; lane += together) {
+    for (int lane = 0; lane < n_lanes; lane += together) {
       Output(shape, scratch + o * prepared + lane, input_scale, limits[o], inputs + lane,
              scaled_inputs + lane, outputs + o * kTileLanes + lane);
     }
@@ -183,13 +183,14 @@ namespace downpour {
 HWY_EXPORT(GpPolicyPrepare);
 HWY_EXPORT(GpPolicy);
 
-void GpPolicyPrepareTile(const GpPolicyShape& shape, const double* parameters, double* scratch) {
-  HWY_DYNAMIC_DISPATCH(GpPolicyPrepare)(shape, parameters, scratch);
+void GpPolicyPrepareTile(const GpPolicyShape& shape, int n_lanes, const double* parameters,
+                         double* scratch) {
+  HWY_DYNAMIC_DISPATCH(GpPolicyPrepare)(shape, n_lanes, parameters, scratch);
 }
 
-void GpPolicyTile(const GpPolicyShape& shape, const double* input_scale, const double* limits,
-                  const double* inputs, double* scratch, double* outputs) {
-  HWY_DYNAMIC_DISPATCH(GpPolicy)(shape, input_scale, limits, inputs, scratch, outputs);
+void GpPolicyTile(const GpPolicyShape& shape, int n_lanes, const double* input_scale,
+                  const double* limits, const double* inputs, double* scratch, double* outputs) {
+  HWY_DYNAMIC_DISPATCH(GpPolicy)(shape, n_lanes, input_scale, limits, inputs, scratch, outputs);
 }
 
 }  // namespace downpour

@@ -40,13 +40,15 @@ struct GpPolicyShape {
 //   input_scale  (n_inputs) factors; limits (n_outputs)
 //   inputs       n_inputs x kTileLanes; outputs n_outputs x kTileLanes
 //   scratch      shape.scratch_rows() x kTileLanes
+// Lanes from n_lanes on, rounded up to whole vectors, are left as they are.
 // Tile arrays are aligned and do not alias. |output| <= limit. K + 0.01 I has a Cholesky factor
 // even if pseudo-inputs coincide: its eigenvalues are 0.01 at least. Thread-safe, do not allocate.
 
 // Writes what depends on the parameters alone, n_points^3 / 3 operations a lane and output.
-void GpPolicyPrepareTile(const GpPolicyShape& shape, const double* parameters, double* scratch);
+void GpPolicyPrepareTile(const GpPolicyShape& shape, int n_lanes, const double* parameters,
+                         double* scratch);
 // One step; `scratch` as GpPolicyPrepareTile left it.
-void GpPolicyTile(const GpPolicyShape& shape, const double* input_scale, const double* limits,
-                  const double* inputs, double* scratch, double* outputs);
+void GpPolicyTile(const GpPolicyShape& shape, int n_lanes, const double* input_scale,
+                  const double* limits, const double* inputs, double* scratch, double* outputs);
 
 }  // namespace downpour

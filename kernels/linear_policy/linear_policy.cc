@@ -13,13 +13,14 @@ namespace downpour {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-void LinearPolicy(const LinearPolicyShape& shape, const double* HWY_RESTRICT parameters,
-                  const double* HWY_RESTRICT input_scale, const double* HWY_RESTRICT limits,
-                  const double* HWY_RESTRICT inputs, double* HWY_RESTRICT outputs) {
+void LinearPolicy(const LinearPolicyShape& shape, int n_lanes,
+                  const double* HWY_RESTRICT parameters, const double* HWY_RESTRICT input_scale,
+                  const double* HWY_RESTRICT limits, const double* HWY_RESTRICT inputs,
+                  double* HWY_RESTRICT outputs) {
   const hn::ScalableTag<double> d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const double* HWY_RESTRICT b = parameters + shape.n_outputs * shape.n_inputs * kTileLanes;
-  for (int lane = 0; lane < kTileLanes; lane += lanes) {
+  for (int lane = 0; lane < n_lanes; lane += lanes) {
     const double* HWY_RESTRICT w = parameters + lane;
     for (int o = 0; o < shape.n_outputs; ++o) {
       auto sum = hn::Load(d, b + o * kTileLanes + lane);
@@ -42,10 +43,11 @@ namespace downpour {
 
 HWY_EXPORT(LinearPolicy);
 
-void LinearPolicyTile(const LinearPolicyShape& shape, const double* parameters,
+void LinearPolicyTile(const LinearPolicyShape& shape, int n_lanes, const double* parameters,
                       const double* input_scale, const double* limits, const double* inputs,
                       double* outputs) {
-  HWY_DYNAMIC_DISPATCH(LinearPolicy)(shape, parameters, input_scale, limits, inputs, outputs);
+  HWY_DYNAMIC_DISPATCH(LinearPolicy)
+  (shape, n_lanes, parameters, input_scale, limits, inputs, outputs);
 }
 
 }  // namespace downpour

@@ -16,8 +16,9 @@ struct LinearPolicyShape {
 //   parameters   n_parameters x kTileLanes in the order W (n_outputs x n_inputs, row-major), b
 //   input_scale  (n_inputs) factors; limits (n_outputs)
 //   inputs       n_inputs x kTileLanes; outputs n_outputs x kTileLanes
+// Lanes from n_lanes on, rounded up to whole vectors, are left as they are.
 // Tile arrays are aligned and do not alias. |output| <= limit. Thread-safe, does not allocate.
-void LinearPolicyTile(const LinearPolicyShape& shape, const double* parameters,
+void LinearPolicyTile(const LinearPolicyShape& shape, int n_lanes, const double* parameters,
                       const double* input_scale, const double* limits, const double* inputs,
                       double* outputs);
 

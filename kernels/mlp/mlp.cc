@@ -65,12 +65,12 @@ void MlpLanes(const MlpShape& shape, const double* parameters,
   }
 }
 
-void Mlp(const MlpShape& shape, const double* parameters, const double* input_scale,
+void Mlp(const MlpShape& shape, int n_lanes, const double* parameters, const double* input_scale,
          const double* limits, const double* inputs, double* scratch, double* outputs) {
   const D d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   double* const second = scratch + shape.scratch_rows() / 2 * kTileLanes;
-  for (int lane = 0; lane < kTileLanes; lane += lanes) {
+  for (int lane = 0; lane < n_lanes; lane += lanes) {
     MlpLanes(shape, parameters + lane, input_scale, limits, inputs + lane, scratch + lane,
              second + lane, outputs + lane);
   }
@@ -85,9 +85,11 @@ namespace downpour {
 
 HWY_EXPORT(Mlp);
 
-void MlpTile(const MlpShape& shape, const double* parameters, const double* input_scale,
-             const double* limits, const double* inputs, double* scratch, double* outputs) {
-  HWY_DYNAMIC_DISPATCH(Mlp)(shape, parameters, input_scale, limits, inputs, scratch, outputs);
+void MlpTile(const MlpShape& shape, int n_lanes, const double* parameters,
+             const double* input_scale, const double* limits, const double* inputs, double* scratch,
+             double* outputs) {
+  HWY_DYNAMIC_DISPATCH(Mlp)
+  (shape, n_lanes, parameters, input_scale, limits, inputs, scratch, outputs);
 }
 
 }  // namespace downpour

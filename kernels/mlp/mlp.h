@@ -34,8 +34,10 @@ struct MlpShape {
 //   input_scale  (n_inputs) factors; limits (n_outputs)
 //   inputs       n_inputs x kTileLanes; outputs n_outputs x kTileLanes
 //   scratch      shape.scratch_rows() x kTileLanes
+// Lanes from n_lanes on, rounded up to whole vectors, are left as they are.
 // Tile arrays are aligned and do not alias. |output| <= limit. Thread-safe, does not allocate.
-void MlpTile(const MlpShape& shape, const double* parameters, const double* input_scale,
-             const double* limits, const double* inputs, double* scratch, double* outputs);
+void MlpTile(const MlpShape& shape, int n_lanes, const double* parameters,
+             const double* input_scale, const double* limits, const double* inputs, double* scratch,
+             double* outputs);
 
 }  // namespace downpour

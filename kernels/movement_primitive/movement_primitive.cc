@@ -13,14 +13,14 @@ namespace downpour {
 namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
-void MovementPrimitive(int n_weights, int n_outputs, const double* HWY_RESTRICT response,
-                       const double* HWY_RESTRICT parameters, const double* HWY_RESTRICT limits,
-                       double* HWY_RESTRICT outputs) {
+void MovementPrimitive(int n_weights, int n_outputs, int n_lanes,
+                       const double* HWY_RESTRICT response, const double* HWY_RESTRICT parameters,
+                       const double* HWY_RESTRICT limits, double* HWY_RESTRICT outputs) {
   const hn::ScalableTag<double> d;
   const int lanes = static_cast<int>(hn::Lanes(d));
   for (int o = 0; o < n_outputs; ++o) {
     const double* HWY_RESTRICT theta = parameters + o * n_weights * kTileLanes;
-    for (int lane = 0; lane < kTileLanes; lane += lanes) {
+    for (int lane = 0; lane < n_lanes; lane += lanes) {
       auto sum = hn::Zero(d);
       for (int i = 0; i < n_weights; ++i) {
         sum = hn::MulAdd(hn::Set(d, response[i]), hn::Load(d, theta + i * kTileLanes + lane), sum);
@@ -39,10 +39,10 @@ namespace downpour {
 
 HWY_EXPORT(MovementPrimitive);
 
-void MovementPrimitiveTile(int n_weights, int n_outputs, const double* response,
+void MovementPrimitiveTile(int n_weights, int n_outputs, int n_lanes, const double* response,
                            const double* parameters, const double* limits, double* outputs) {
   HWY_DYNAMIC_DISPATCH(MovementPrimitive)
-  (n_weights, n_outputs, response, parameters, limits, outputs);
+  (n_weights, n_outputs, n_lanes, response, parameters, limits, outputs);
 }
 
 }  // namespace downpour

@@ -106,13 +106,13 @@ void FillUniformsTarget(StreamKey key, std::uint32_t counter1, double* out, std:
   Fill<Uniforms>(key, counter1, out, n);
 }
 
-void NormalTileTarget(const std::uint32_t* keys0, const std::uint32_t* keys1,
+void NormalTileTarget(int n_lanes, const std::uint32_t* keys0, const std::uint32_t* keys1,
                       const std::uint32_t* rollouts, std::uint32_t step, int n_variables,
                       double* out) {
   const DF df;
   const DU du;
   const hn::Rebind<std::uint32_t, DU> du32;
-  for (int lane = 0; lane < kTileLanes; lane += static_cast<int>(hn::Lanes(df))) {
+  for (int lane = 0; lane < n_lanes; lane += static_cast<int>(hn::Lanes(df))) {
     const VU key0 = hn::PromoteTo(du, hn::LoadU(du32, keys0 + lane));
     const VU key1 = hn::PromoteTo(du, hn::LoadU(du32, keys1 + lane));
     const VU rollout = hn::PromoteTo(du, hn::LoadU(du32, rollouts + lane));
@@ -179,9 +179,9 @@ void FillUniforms(StreamKey key, std::uint32_t counter1, double* out, std::size_
   HWY_DYNAMIC_DISPATCH(FillUniformsTarget)(key, counter1, out, n);
 }
 
-void NormalTile(const std::uint32_t* keys0, const std::uint32_t* keys1,
+void NormalTile(int n_lanes, const std::uint32_t* keys0, const std::uint32_t* keys1,
                 const std::uint32_t* rollouts, std::uint32_t step, int n_variables, double* out) {
-  HWY_DYNAMIC_DISPATCH(NormalTileTarget)(keys0, keys1, rollouts, step, n_variables, out);
+  HWY_DYNAMIC_DISPATCH(NormalTileTarget)(n_lanes, keys0, keys1, rollouts, step, n_variables, out);
 }
 
 }  // namespace downpour

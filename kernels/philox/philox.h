@@ -58,8 +58,9 @@ void FillUniforms(StreamKey key, std::uint32_t counter1, double* out, std::size_
 
 // Standard normal numbers for a tile: out[v][lane] for v in [0, n_variables), from the stream
 // (keys0[lane], keys1[lane]) at counter {v / 2, step, rollout[lane], 0}. `out` is
-// n_variables x kTileLanes, aligned; keys and rollout have kTileLanes entries.
-void NormalTile(const std::uint32_t* keys0, const std::uint32_t* keys1,
+// n_variables x kTileLanes, aligned; keys and rollout have kTileLanes entries. Lanes from n_lanes
+// on, rounded up to whole vectors, are left as they are.
+void NormalTile(int n_lanes, const std::uint32_t* keys0, const std::uint32_t* keys1,
                 const std::uint32_t* rollouts, std::uint32_t step, int n_variables, double* out);
 
 }  // namespace downpour

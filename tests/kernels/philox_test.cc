@@ -85,7 +85,7 @@ TEST_CASE("philox: a tile's normals are keyed by lane, rollout and step alone") 
     }
     for (int variables = 1; variables <= 5; ++variables) {
       AlignedVector<double> out(variables * kTileLanes);
-      NormalTile(keys0, keys1, rollouts, 39, variables, out.data());
+      NormalTile(kTileLanes, keys0, keys1, rollouts, 39, variables, out.data());
       for (int lane = 0; lane < kTileLanes; ++lane) {
         for (std::uint32_t v = 0; v < static_cast<std::uint32_t>(variables); ++v) {
           const auto pair =
@@ -93,6 +93,26 @@ TEST_CASE("philox: a tile's normals are keyed by lane, rollout and step alone") 
           CHECK(std::abs(out[v * kTileLanes + lane] - pair[v % 2]) <=
                 NormalTolerance(std::hypot(pair[0], pair[1])));
         }
+      }
+    }
+  });
+}
+
+TEST_CASE("philox: a tile's normals are those of the lanes in use") {
+  ForEachTarget([](const char* target) {
+    CAPTURE(target);
+    const std::vector<std::uint32_t> keys(kTileLanes, 3), rollouts(kTileLanes, 5);
+    AlignedVector<double> all(3 * kTileLanes);
+    NormalTile(kTileLanes, keys.data(), keys.data(), rollouts.data(), 7, 3, all.data());
+    for (const int n_lanes : {1, 8, 9, kTileLanes - 1}) {
+      AlignedVector<double> some(3 * kTileLanes, 100.0);
+      NormalTile(n_lanes, keys.data(), keys.data(), rollouts.data(), 7, 3, some.data());
+      for (int v = 0; v < 3; ++v) {
+        const auto row = some.begin() + v * kTileLanes;
+        CHECK(std::equal(row, row + n_lanes, all.begin() + v * kTileLanes));
+        // Vectors have eight lanes at most.
+        const int end = (n_lanes + 7) / 8 * 8;
+        CHECK(std::all_of(row + end, row + kTileLanes, [](double z) { return z == 100.0; }));
       }
     }
   });

@@ -36,8 +36,8 @@ std::vector<double> Mlp(const MlpShape& shape, const AlignedVector<double>& para
                         const AlignedVector<double>& inputs) {
   AlignedVector<double> scratch(shape.scratch_rows() * kTileLanes, std::nan(""));
   AlignedVector<double> outputs(shape.n_outputs() * kTileLanes);
-  MlpTile(shape, parameters.data(), scale.data(), limits.data(), inputs.data(), scratch.data(),
-          outputs.data());
+  MlpTile(shape, kTileLanes, parameters.data(), scale.data(), limits.data(), inputs.data(),
+          scratch.data(), outputs.data());
   return {outputs.begin(), outputs.end()};
 }
 
@@ -97,8 +97,8 @@ TEST_CASE("linear policy: matches the long-double twin for every shape and targe
       const auto scale = Positive(shape.n_inputs, 0.6, random);
       const auto limits = Positive(shape.n_outputs, 5, random);
       AlignedVector<double> outputs(shape.n_outputs * kTileLanes);
-      LinearPolicyTile(shape, parameters.data(), scale.data(), limits.data(), inputs.data(),
-                       outputs.data());
+      LinearPolicyTile(shape, kTileLanes, parameters.data(), scale.data(), limits.data(),
+                       inputs.data(), outputs.data());
       const double sum = 5 * 3 * (shape.n_inputs + 1);
       const double error = kSquashSlope * (shape.n_inputs + 2) * sum * kEps + kSquashError;
       for (int lane = 0; lane < kTileLanes; ++lane) {
@@ -126,7 +126,8 @@ TEST_CASE("linear policy: keeps the limit at the peaks of kappa and far beyond i
   }
   ForEachTarget([&](const char* target) {
     CAPTURE(target);
-    LinearPolicyTile(shape, parameters.data(), &one, &limit, inputs.data(), outputs.data());
+    LinearPolicyTile(shape, kTileLanes, parameters.data(), &one, &limit, inputs.data(),
+                     outputs.data());
     for (int lane = 0; lane < kTileLanes; ++lane) {
       CHECK(std::abs(outputs[lane]) <= limit);
       const double bias = parameters[kTileLanes + lane];
@@ -146,7 +147,7 @@ TEST_CASE("movement primitive: matches the long-double twin for every shape and 
         const auto response = Positive(n_weights, 0.2, random);
         const auto limits = Positive(n_outputs, 5, random);
         AlignedVector<double> outputs(n_outputs * kTileLanes);
-        MovementPrimitiveTile(n_weights, n_outputs, response.data(), parameters.data(),
+        MovementPrimitiveTile(n_weights, n_outputs, kTileLanes, response.data(), parameters.data(),
                               limits.data(), outputs.data());
         const double error = kSquashSlope * n_weights * (n_weights * 5 * 0.3) * kEps + kSquashError;
         for (int lane = 0; lane < kTileLanes; ++lane) {
@@ -167,9 +168,11 @@ AlignedVector<double> Gp(const GpPolicyShape& shape, const AlignedVector<double>
                          const AlignedVector<double>& inputs) {
   AlignedVector<double> scratch(shape.scratch_rows() * kTileLanes, std::nan(""));
   AlignedVector<double> outputs(shape.n_outputs * kTileLanes), again(outputs.size());
-  GpPolicyPrepareTile(shape, parameters.data(), scratch.data());
-  GpPolicyTile(shape, scale.data(), limits.data(), inputs.data(), scratch.data(), outputs.data());
-  GpPolicyTile(shape, scale.data(), limits.data(), inputs.data(), scratch.data(), again.data());
+  GpPolicyPrepareTile(shape, kTileLanes, parameters.data(), scratch.data());
+  GpPolicyTile(shape, kTileLanes, scale.data(), limits.data(), inputs.data(), scratch.data(),
+               outputs.data());
+  GpPolicyTile(shape, kTileLanes, scale.data(), limits.data(), inputs.data(), scratch.data(),
+               again.data());
   CHECK(outputs == again);  // a step leaves what was prepared
   return outputs;
 }

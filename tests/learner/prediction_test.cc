@@ -42,7 +42,7 @@ std::vector<double> Normals(StreamKey key, std::uint32_t rollout, std::uint32_t 
   const AlignedVector<std::uint32_t> keys0(kTileLanes, key.word0), keys1(kTileLanes, key.word1),
       rollouts(kTileLanes, rollout);
   AlignedVector<double> tile(static_cast<std::size_t>(n) * kTileLanes);
-  NormalTile(keys0.data(), keys1.data(), rollouts.data(), step, n, tile.data());
+  NormalTile(kTileLanes, keys0.data(), keys1.data(), rollouts.data(), step, n, tile.data());
   std::vector<double> z(n);
   for (int i = 0; i < n; ++i) z[i] = tile[i * kTileLanes];
   return z;

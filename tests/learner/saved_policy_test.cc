@@ -126,9 +126,9 @@ class TwoForces final : public Policy {
  public:
   std::string kind() const override { return "two-forces"; }
   int n_parameters() const override { return 2; }
-  void ActTile(int, const double* parameters, const double* features, double*,
+  void ActTile(int, int n_lanes, const double* parameters, const double* features, double*,
                double* actions) const override {
-    for (int lane = 0; lane < kTileLanes; ++lane) {
+    for (int lane = 0; lane < n_lanes; ++lane) {
       const int row = features[kTileLanes + lane] > 0 ? 1 : 0;
       actions[lane] = 0.4 * parameters[row * kTileLanes + lane];  // bound 5, limit 2
     }

@@ -49,9 +49,10 @@ TEST_CASE("policy: one action is that of a lane, at every step") {
     FillNormals({1, 1}, 0, parameters.data(), parameters.size());
     FillNormals({1, 2}, 0, features.data(), features.size());
     AlignedVector<double> scratch(policy->scratch_rows() * kTileLanes), actions(2 * kTileLanes);
-    policy->PrepareTile(parameters.data(), scratch.data());
+    policy->PrepareTile(kTileLanes, parameters.data(), scratch.data());
     for (int step = 0; step < 8; ++step) {  // two of them beyond the horizon
-      policy->ActTile(step, parameters.data(), features.data(), scratch.data(), actions.data());
+      policy->ActTile(step, kTileLanes, parameters.data(), features.data(), scratch.data(),
+                      actions.data());
       for (const int lane : {0, 5, kTileLanes - 1}) {
         std::vector<double> theta(n), x(3), u(2);
         for (int p = 0; p < n; ++p) theta[p] = parameters[p * kTileLanes + lane];
@@ -59,6 +60,37 @@ TEST_CASE("policy: one action is that of a lane, at every step") {
         policy->Act(step, theta, x, u);
         CHECK(u == std::vector<double>{actions[lane], actions[kTileLanes + lane]});
       }
+    }
+  }
+}
+
+TEST_CASE("policy: lanes in use have the same bits, however many there are") {
+  const Task task = TwoActions();
+  for (const PolicyOptions& options : kKinds) {
+    const auto policy = MakePolicy(task, options);
+    CAPTURE(policy->kind());
+    AlignedVector<double> parameters(policy->n_parameters() * kTileLanes);
+    AlignedVector<double> features(3 * kTileLanes);
+    FillNormals({1, 1}, 0, parameters.data(), parameters.size());
+    FillNormals({1, 2}, 0, features.data(), features.size());
+    const auto act = [&](int n_lanes) {
+      AlignedVector<double> scratch(policy->scratch_rows() * kTileLanes, std::nan(""));
+      AlignedVector<double> actions(2 * kTileLanes, std::nan(""));
+      policy->PrepareTile(n_lanes, parameters.data(), scratch.data());
+      policy->ActTile(3, n_lanes, parameters.data(), features.data(), scratch.data(),
+                      actions.data());
+      return actions;
+    };
+    const AlignedVector<double> all = act(kTileLanes);
+    for (const int n_lanes : {1, 7, 8, 9, 31, 33, kTileLanes - 1}) {
+      CAPTURE(n_lanes);
+      const AlignedVector<double> some = act(n_lanes);
+      for (int action = 0; action < 2; ++action) {
+        const auto row = some.begin() + action * kTileLanes;
+        CHECK(std::equal(row, row + n_lanes, all.begin() + action * kTileLanes));
+      }
+      // Work is saved: half a tile's lanes do not touch the other half.
+      if (n_lanes <= kTileLanes / 2) CHECK(std::isnan(some[kTileLanes - 1]));
     }
   }
 }
@@ -128,9 +160,9 @@ class BangBang final : public Policy {
   explicit BangBang(const Task& task) : limit_(task.action_limits[0]) {}
   std::string kind() const override { return "bang-bang"; }
   int n_parameters() const override { return 3; }
-  void ActTile(int, const double* parameters, const double* features, double*,
+  void ActTile(int, int n_lanes, const double* parameters, const double* features, double*,
                double* actions) const override {
-    for (int lane = 0; lane < kTileLanes; ++lane) {
+    for (int lane = 0; lane < n_lanes; ++lane) {
       double sum = 0;
       for (int f = 0; f < 3; ++f) {
         sum += parameters[f * kTileLanes + lane] * features[f * kTileLanes + lane];
