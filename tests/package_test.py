@@ -55,7 +55,8 @@ def examples_run(prefix, folder):
     blocks = re.findall(r"^```(?:cmake|cpp|c)\n(?:#|//|/\*) (\S+).*?\n(.*?)^```$", text,
                         re.MULTILINE | re.DOTALL)
     assert [name for name, _ in blocks] == [
-        "CMakeLists.txt", "evaluate.cc", "with_eigen.cc", "from_limbo.cc", "from_c.c"], blocks
+        "CMakeLists.txt", "evaluate.cc", "with_eigen.cc", "from_limbo.cc", "from_c.c",
+        "learn_from_c.c"], blocks
     folder.mkdir()
     for name, block in blocks:
         (folder / name).write_text(block, encoding="utf-8")

@@ -11,17 +11,17 @@ extern "C" {
 
 /*
  * The C interface of Downpour: Gaussian processes, rollouts of policies on them in large batches,
- * and CMA-ES. Plain types only, so that other languages can call it: int is 32 bits, arrays are
- * contiguous float64, row-major where nothing else is said, owned by the caller and read or written
- * during the call alone; arrays that are written alias nothing.
+ * CMA-ES, and learning from scratch. Plain types only, so that other languages can call it: int is
+ * 32 bits, arrays are contiguous float64, row-major where nothing else is said, owned by the caller
+ * and read or written during the call alone; arrays that are written alias nothing.
  *
  * Every function that can fail returns a status, DOWNPOUR_OK = 0; of another one
  * downpour_last_error() tells the reason, outputs are unspecified and objects are as before. No
  * exception leaves the library. NULL is refused wherever it is not said to be allowed.
  *
- * Objects are made by *_create or *_fit and released by *_destroy (NULL allowed). A GP and an
- * evaluator never change: any number of threads may use one. A CMA-ES serves one thread at a time.
- * Results depend on the arguments alone, never on `threads` (0: all cores).
+ * Objects are made by *_create, *_fit and *_learn and released by *_destroy (NULL allowed). A GP,
+ * an evaluator and a policy never change: any number of threads may use one. A CMA-ES serves one
+ * thread at a time. Results depend on the arguments alone, never on `threads` (0: all cores).
  *
  * Options: structures whose first member is their size, as the caller was compiled with it, set by
  * *_options_init together with the defaults. Later versions add members at the end and keep what is
@@ -50,6 +50,7 @@ enum {
 typedef struct downpour_gp downpour_gp;
 typedef struct downpour_evaluator downpour_evaluator;
 typedef struct downpour_cmaes downpour_cmaes;
+typedef struct downpour_policy downpour_policy;
 
 /* --- The library. Strings live as long as it does; these cannot fail. --- */
 
@@ -251,6 +252,64 @@ int downpour_cmaes_stop(const downpour_cmaes* cmaes, const char** stop);
  * DOWNPOUR_INVALID_INPUT before the first tell. */
 int downpour_cmaes_best(const downpour_cmaes* cmaes, double* candidate, double* cost,
                         int64_t* evaluations);
+
+/* --- Learning: the whole of Black-DROPS on the simulator of a task, as the command's `learn`. ---
+ */
+
+/* What became of an episode. */
+typedef struct downpour_episode {
+  size_t size;
+  int episode; /* from 1 */
+  int random;  /* 1: random actions, no model; what is said of model and search is then 0 */
+  int solved;  /* 1: the episode solved the task */
+  int points;  /* that the model was learnt from */
+  double interaction_seconds; /* on the simulator, so far */
+  double real_return;
+  double predicted_return; /* by the model; NaN if random */
+  int64_t evaluations;     /* rollouts on the model */
+  int64_t gp_queries;
+  double model_seconds; /* that the computer took */
+  double search_seconds;
+} downpour_episode;
+
+/* Called after each episode, on the thread that calls; what it is given is valid for the call.
+ * Returns 0, or anything else to end the learning with DOWNPOUR_CALLBACK_FAILED. */
+typedef int (*downpour_episode_function)(void* user_data, const downpour_episode* episode);
+
+typedef struct downpour_learn_options {
+  size_t size;
+  int episodes;  /* 15; random ones (the first) included, in [2, 1000] */
+  int threads;   /* 1 */
+  uint64_t seed; /* 0; below 2^63 */
+  /* Other settings as the command's --set has them, e.g. "search.evaluations=50000"; the names are
+   * those of the config.toml of its runs. */
+  const char* const* settings;                /* NULL */
+  int n_settings;                             /* 0 */
+  downpour_episode_function episode_function; /* NULL */
+  void* user_data;                            /* NULL; handed to it */
+} downpour_learn_options;
+
+int downpour_learn_options_init(downpour_learn_options* options);
+
+/* The policy of the last episode of learning `task`, a built-in one or the path of a TOML file.
+ * *policy is NULL if settings end the learning once the task is solved and the random episode did.
+ * options may be NULL. Takes seconds to minutes; bits are those of the command and of Python. */
+int downpour_learn(const char* task, const downpour_learn_options* options,
+                   downpour_policy** policy);
+
+void downpour_policy_destroy(downpour_policy* policy);
+
+/* Each of n_states (E), n_actions (A), n_parameters (P) may be NULL. */
+int downpour_policy_sizes(const downpour_policy* policy, int* n_states, int* n_actions,
+                          int* n_parameters);
+
+/* (P), as downpour_evaluator_evaluate takes them for the same task and policy. */
+int downpour_policy_parameters(const downpour_policy* policy, double* parameters);
+
+/* The action (A) within the task's limits, for a state (E), finite, in the task's units. step
+ * counts from 0; the policies that depend on it say so (docs/policies.md). */
+int downpour_policy_act(const downpour_policy* policy, int step, const double* state,
+                        double* action);
 
 #ifdef __cplusplus
 }

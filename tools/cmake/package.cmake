@@ -27,7 +27,8 @@ set(search_headers
     engine/search/full_covariance.h engine/search/learning_rate.h engine/search/limited_memory.h
     engine/search/minimise.h engine/search/policy_search.h engine/search/strategy_parameters.h)
 set(learner_headers
-    engine/learner/directory_lock.h engine/learner/learner.h engine/learner/platform.h
+    engine/learner/directory_lock.h engine/learner/learner.h engine/learner/learnt_policy.h
+    engine/learner/platform.h
     engine/learner/run_directory.h engine/learner/saved_policy.h)
 set(tasks_headers tasks/mujoco_system.h tasks/registry.h tasks/solved.h)
 

@@ -270,15 +270,21 @@ Setting ReadSetting(const std::string& origin, const Field& field, const std::st
   return {origin, field.key, text, text};
 }
 
-Setting ParseAssignment(const std::string& text) {
+Setting ParseAssignment(const std::string& origin, const std::string& text) {
   const std::size_t equals = text.find('=');
   const std::string key = Trimmed(text.substr(0, equals));
   if (equals == std::string::npos || key.empty()) {
-    throw InvalidInput(fmt::format("--set {}: must be KEY=VALUE, e.g. search.rollouts=5", text));
+    throw InvalidInput(
+        fmt::format("{} {}: must be KEY=VALUE, e.g. search.rollouts=5", origin, text));
   }
   RunConfig config;
   const std::vector<Field> fields = ConfigFields(config);
-  return ReadSetting("--set", FindField(fields, "--set", key), Trimmed(text.substr(equals + 1)));
+  return ReadSetting(origin, FindField(fields, origin, key), Trimmed(text.substr(equals + 1)));
+}
+
+void RequireLibrarySetting(const Setting& setting) {
+  if (!setting.key.starts_with("output.") && !setting.key.starts_with("system.")) return;
+  throw InvalidInput(fmt::format("{}: {} is the command's alone", setting.origin, setting.key));
 }
 
 void ApplySettings(const std::vector<Field>& fields, const std::vector<Setting>& settings) {

@@ -88,8 +88,11 @@ std::vector<Setting> ReadConfigFile(const std::string& path);
 // `text` for `field`, read as a TOML value where the field is no string.
 Setting ReadSetting(const std::string& origin, const Field& field, const std::string& text);
 
-// "a.b=c", the argument of --set, with or without spaces round its parts. Throws InvalidInput.
-Setting ParseAssignment(const std::string& text);
+// "a.b=c", as --set has it, with or without spaces round its parts. Throws InvalidInput.
+Setting ParseAssignment(const std::string& origin, const std::string& text);
+
+// Throws InvalidInput for what the command alone can do: output and real systems.
+void RequireLibrarySetting(const Setting& setting);
 
 // Writes the settings into the members of their fields, in order. Throws InvalidInput that names
 // origin, key, value and what is allowed.

@@ -62,7 +62,9 @@ struct OpenRun {
 // Settings in the order in which they override: --set, then the options.
 std::vector<Setting> CommandLineSettings(const LearnArguments& arguments) {
   std::vector<Setting> settings;
-  for (const std::string& text : arguments.assignments) settings.push_back(ParseAssignment(text));
+  for (const std::string& text : arguments.assignments) {
+    settings.push_back(ParseAssignment("--set", text));
+  }
   RunConfig defaults;
   for (const Field& field : ConfigFields(defaults)) {
     if (field.key == "task" && !arguments.task.empty()) {

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "engine/learner/learner.h"
+#include "engine/learner/learnt_policy.h"
 #include "tools/downpour/config.h"
 #include "tools/downpour/prior.h"
 #include "tools/python/interrupt.h"
@@ -36,29 +37,13 @@ constexpr char kPolicyDoc[] =
 
 state is (E,), as observed, in the units of the task; step is for policies that depend on time (dmp).)";
 
-class LearntPolicy {
- public:
-  LearntPolicy(Task task, std::shared_ptr<const Policy> policy, std::vector<double> parameters)
-      : task_(std::move(task)), policy_(std::move(policy)), parameters_(std::move(parameters)) {}
-
-  py::array_t<double> Act(py::handle state, py::handle step) const {
-    const std::vector<double> observed = ToVector(state, "state", {"E", task_.n_states()});
-    const auto the_step = static_cast<int>(ToInteger(step, "step", 0, 1'000'000'000));
-    std::vector<double> features(task_.features.size()), action(task_.actions.size());
-    ComputeFeatures(task_, observed, features);
-    policy_->Act(the_step, parameters_, features, action);
-    return FromVector(action);
-  }
-
-  const Task& task() const { return task_; }
-  const Policy& policy() const { return *policy_; }
-  const std::vector<double>& parameters() const { return parameters_; }
-
- private:
-  Task task_;
-  std::shared_ptr<const Policy> policy_;
-  std::vector<double> parameters_;
-};
+py::array_t<double> Act(const LearntPolicy& policy, py::handle state, py::handle step) {
+  const std::vector<double> observed = ToVector(state, "state", {"E", policy.task().n_states()});
+  const auto the_step = static_cast<int>(ToInteger(step, "step", 0, 1'000'000'000));
+  std::vector<double> action(policy.task().n_actions());
+  policy.Act(the_step, observed, action);
+  return FromVector(action);
+}
 
 struct LearnResult {
   std::shared_ptr<LearntPolicy> policy;
@@ -141,10 +126,8 @@ std::vector<Setting> ToSettings(py::handle task, py::handle seed, py::handle epi
   }
   for (const auto& [key, value] : settings.cast<py::dict>()) {
     const std::string name = ToText(key, "settings: key");
-    if (name.starts_with("output.") || name.starts_with("system.")) {
-      throw py::value_error("settings: " + name + " is the command's alone");
-    }
     list.push_back(ToSetting(name, value));
+    RequireLibrarySetting(list.back());
   }
   return list;
 }
@@ -189,7 +172,7 @@ void AddLearn(py::module_* module) {
   using py::arg;
   const py::none none;
   py::class_<LearntPolicy, std::shared_ptr<LearntPolicy>>(*module, "Policy", kPolicyDoc)
-      .def("__call__", &LearntPolicy::Act, arg("state"), arg("step") = 0)
+      .def("__call__", &Act, arg("state"), arg("step") = 0)
       .def_property_readonly(
           "parameters", [](const LearntPolicy& policy) { return FromVector(policy.parameters()); },
           "(P,), as Evaluator takes them.")
