@@ -71,14 +71,21 @@ void CheckEpisode(const downpour_episode& told, const EpisodeRecord& record) {
 }
 
 TEST_CASE("C learn: episodes, parameters and actions are the bits of Learner, for any threads") {
-  Learner learner(MakeTask("pendulum"), TinyOptions());
-  while (!learner.done()) learner.RunEpisode({});
-  const std::vector<EpisodeRecord>& records = learner.state().episodes;
-  for (const int threads : {1, 2}) {
-    CAPTURE(threads);
-    Told told;
+  // dmp's actions depend on the step, too.
+  for (const auto& [kind, setting] : {std::pair(PolicyKind::kNeuralNetwork, "policy.kind=nn"),
+                                      {PolicyKind::kDmp, "policy.kind=dmp"}}) {
+    LearnerOptions wanted = TinyOptions();
+    wanted.policy.kind = kind;
+    Learner learner(MakeTask("pendulum"), wanted);
+    while (!learner.done()) learner.RunEpisode({});
+    std::vector<const char*> settings(kSettings, kSettings + 4);
+    settings.push_back(setting);
     downpour_learn_options options = Tiny();
-    options.threads = threads;
+    options.settings = settings.data();
+    options.n_settings = 5;
+    options.threads = kind == PolicyKind::kDmp ? 2 : 1;
+    const std::vector<EpisodeRecord>& records = learner.state().episodes;
+    Told told;
     options.episode_function = Tell;
     options.user_data = &told;
     const CPolicy policy = Learn("pendulum", options);
