@@ -6,6 +6,7 @@
 """
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -66,6 +67,20 @@ def examples_run(prefix, folder):
         assert run(folder / "build" / name.split(".")[0])
 
 
+def without_cmake(prefix, folder, example):
+    """The lines that docs/library.md gives for a C compiler alone, on its own example."""
+    text = (SOURCE / "docs" / "library.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^Without CMake:\n\n```sh\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    lines = block.replace("/opt/downpour", str(prefix)).splitlines()
+    assert len(lines) == 3, lines
+    folder.mkdir()
+    (folder / "from_c.c").write_text(example.read_text())
+    run("sh", "-c", f"cd {folder} && {lines[0]} && {lines[1]}")
+    if shutil.which("pkg-config"):
+        (folder / "from_c").unlink()
+        run("sh", "-c", f"cd {folder} && {lines[2]} && {lines[1]}")
+
+
 def main():
     with tempfile.TemporaryDirectory() as temporary:
         folder = pathlib.Path(temporary)
@@ -82,7 +97,7 @@ def main():
         simd = re.search(r"^SIMD +(\S+)", run(COMMAND, "doctor"), re.MULTILINE).group(1)
         assert by_cpp.split()[0] == simd, (by_cpp, simd)
         examples_run(prefix, folder / "examples")
-        configure(EXTERNAL, folder / "sources", f"-DDOWNPOUR_SOURCE_DIR={SOURCE}")
+        without_cmake(prefix, folder / "without_cmake", folder / "examples" / "from_c.c")
 
 
 main()

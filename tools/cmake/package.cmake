@@ -83,4 +83,9 @@ if(DOWNPOUR_INSTALL)
   install(FILES ${PROJECT_BINARY_DIR}/DownpourConfig.cmake
           ${PROJECT_BINARY_DIR}/DownpourConfigVersion.cmake
           ${PROJECT_SOURCE_DIR}/tools/cmake/DownpourDependencies.cmake DESTINATION ${config_dir})
+  # For builds without CMake; of the C interface, as that alone is one file to link.
+  file(RELATIVE_PATH DOWNPOUR_INCLUDES_FROM_PKGCONFIG /${CMAKE_INSTALL_LIBDIR}/pkgconfig
+       /${CMAKE_INSTALL_INCLUDEDIR})
+  configure_file(tools/cmake/downpour.pc.in ${PROJECT_BINARY_DIR}/downpour.pc @ONLY)
+  install(FILES ${PROJECT_BINARY_DIR}/downpour.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
 endif()
