@@ -42,12 +42,7 @@ void SetBounds(const downpour_cmaes_options& given, MinimiseOptions* options) {
 // Minimiser checks the numbers.
 MinimiseOptions ToOptions(const double* start, int n_parameters, double sigma,
                           const downpour_cmaes_options* given) {
-  downpour_cmaes_options from;
-  downpour_cmaes_options_init(&from);
-  if (given != nullptr) {
-    RequireSize(given, "options");
-    from = *given;
-  }
+  const downpour_cmaes_options from = OptionsOr(downpour_cmaes_options_init, given);
   RequireRange("n_parameters", n_parameters, 1, 1e6);
   MinimiseOptions options;
   const std::span<const double> numbers = Numbers(start, n_parameters, "start");
@@ -96,14 +91,11 @@ using namespace downpour;     // NOLINT: the functions are C's
 using namespace downpour::c;  // NOLINT
 
 int downpour_cmaes_options_init(downpour_cmaes_options* options) {
-  return Guard([&] {
-    RequireSet(options, "options");
+  return InitOptions(options, [](downpour_cmaes_options& to) {
     const MinimiseOptions defaults;
-    *options = {};
-    options->size = sizeof *options;
-    options->restarts = DOWNPOUR_RESTARTS_BIPOP;
-    options->evaluations = defaults.evaluations;
-    options->target = defaults.target;
+    to.restarts = DOWNPOUR_RESTARTS_BIPOP;
+    to.evaluations = defaults.evaluations;
+    to.target = defaults.target;
   });
 }
 

@@ -149,15 +149,12 @@ using namespace downpour;     // NOLINT: the functions are C's
 using namespace downpour::c;  // NOLINT
 
 int downpour_evaluator_options_init(downpour_evaluator_options* options) {
-  return Guard([&] {
-    RequireSet(options, "options");
-    *options = {};
-    options->size = sizeof *options;
-    options->hidden_units = 10;
-    options->rollouts = 1;
-    options->threads = 1;
-    options->use_variance = 1;
-    options->predict_noise = 1;
+  return InitOptions(options, [](downpour_evaluator_options& to) {
+    to.hidden_units = 10;
+    to.rollouts = 1;
+    to.threads = 1;
+    to.use_variance = 1;
+    to.predict_noise = 1;
   });
 }
 

@@ -20,12 +20,7 @@ struct GpSettings {
 };
 
 GpSettings ToSettings(const downpour_gp_options* given) {
-  downpour_gp_options options = {};
-  downpour_gp_options_init(&options);
-  if (given != nullptr) {
-    RequireSize(given, "options");
-    options = *given;
-  }
+  const downpour_gp_options options = OptionsOr(downpour_gp_options_init, given);
   RequireRange("options.variance_tolerance", options.variance_tolerance, 0, 1);
   RequireRange("options.mean_tolerance", options.mean_tolerance, 0, 1);
   RequireRange("options.backend", options.backend, DOWNPOUR_BACKEND_FUSED, DOWNPOUR_BACKEND_BLAS);
@@ -49,10 +44,6 @@ const MultiOutputGp& Model(const downpour_gp* gp) {
   return *gp->model;
 }
 
-void Set(int value, int* to) {
-  if (to != nullptr) *to = value;
-}
-
 }  // namespace
 }  // namespace downpour::c
 
@@ -60,15 +51,12 @@ using namespace downpour;     // NOLINT: the functions are C's
 using namespace downpour::c;  // NOLINT
 
 int downpour_gp_options_init(downpour_gp_options* options) {
-  return Guard([&] {
-    RequireSet(options, "options");
+  return InitOptions(options, [](downpour_gp_options& to) {
     const QueryPlanOptions plan;
-    *options = {};
-    options->size = sizeof *options;
-    options->variance_tolerance = plan.variance_tolerance;
-    options->mean_tolerance = plan.mean_tolerance;
-    options->backend = DOWNPOUR_BACKEND_FUSED;
-    options->threads = 1;
+    to.variance_tolerance = plan.variance_tolerance;
+    to.mean_tolerance = plan.mean_tolerance;
+    to.backend = DOWNPOUR_BACKEND_FUSED;
+    to.threads = 1;
   });
 }
 

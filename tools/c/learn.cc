@@ -78,10 +78,6 @@ const LearntPolicy& Get(const downpour_policy* policy) {
   return policy->policy;
 }
 
-void Set(int value, int* to) {
-  if (to != nullptr) *to = value;
-}
-
 }  // namespace
 }  // namespace downpour::c
 
@@ -89,12 +85,9 @@ using namespace downpour;     // NOLINT: the functions are C's
 using namespace downpour::c;  // NOLINT
 
 int downpour_learn_options_init(downpour_learn_options* options) {
-  return Guard([&] {
-    RequireSet(options, "options");
-    *options = {};
-    options->size = sizeof *options;
-    options->episodes = LearnerOptions().episodes;
-    options->threads = 1;
+  return InitOptions(options, [](downpour_learn_options& to) {
+    to.episodes = LearnerOptions().episodes;
+    to.threads = 1;
   });
 }
 
@@ -102,10 +95,7 @@ int downpour_learn(const char* task, const downpour_learn_options* options,
                    downpour_policy** policy) {
   return Guard([&] {
     RequireSet(policy, "policy");
-    downpour_learn_options defaults = {};
-    downpour_learn_options_init(&defaults);
-    if (options != nullptr) RequireSize(options, "options");
-    *policy = Learn(task, options == nullptr ? defaults : *options).release();
+    *policy = Learn(task, OptionsOr(downpour_learn_options_init, options)).release();
   });
 }
 

@@ -70,6 +70,10 @@ void RequireFinite(std::span<const double> numbers, const char* name) {
                      "] = " + std::to_string(*bad) + ": must be finite");
 }
 
+void Set(int value, int* to) {
+  if (to != nullptr) *to = value;
+}
+
 int Threads(int threads) {
   RequireRange("threads", threads, 0, 4096);
   return threads == 0 ? omp_get_num_procs() : threads;

@@ -61,4 +61,30 @@ void RequireSize(const T* structure, const char* name) {
                      ": must be " + std::to_string(sizeof(T)) + ", sizeof of the structure");
 }
 
+// The caller's options, or if there are none the defaults that `init` sets.
+template <typename T>
+T OptionsOr(int (*init)(T*), const T* given) {
+  if (given != nullptr) {
+    RequireSize(given, "options");
+    return *given;
+  }
+  T defaults = {};
+  init(&defaults);
+  return defaults;
+}
+
+// Calls set(options), which begin as zeros and their size: what *_options_init returns.
+template <typename T, typename Body>
+int InitOptions(T* options, const Body& set) noexcept {
+  return Guard([&] {
+    RequireSet(options, "options");
+    *options = {};
+    options->size = sizeof *options;
+    set(*options);
+  });
+}
+
+// Writes a number where the caller wants it.
+void Set(int value, int* to);
+
 }  // namespace downpour::c
