@@ -13,24 +13,11 @@
 namespace downpour {
 namespace {
 
-// A budget that runs in well under a second an episode, the reward unknown.
+// A short run, the reward unknown.
 LearnerOptions UnknownReward() {
-  LearnerOptions options;
-  options.episodes = 4;
-  options.seed = 5;
-  options.threads = 2;
+  LearnerOptions options = TinyOptions();
   options.learn_reward = true;
-  options.model.max_evaluations = 30;
-  options.search.evaluations = 600;
-  options.search.final_rollouts = 24;
   return options;
-}
-
-LearnerState Run(const Task& task, const LearnerOptions& options, LearnerState state = {},
-                 std::size_t episodes = 1000) {
-  Learner learner(task, options, std::move(state));
-  while (!learner.done() && learner.state().episodes.size() < episodes) learner.RunEpisode({});
-  return learner.state();
 }
 
 TEST_CASE("learn_reward: the reward is one more output of the model, on the state's features") {

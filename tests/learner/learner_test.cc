@@ -18,26 +18,6 @@
 namespace downpour {
 namespace {
 
-// A budget that runs in well under a second an episode; it need not learn anything.
-LearnerOptions TinyOptions() {
-  LearnerOptions options;
-  options.episodes = 4;
-  options.seed = 5;
-  options.threads = 2;
-  options.model.max_evaluations = 30;
-  options.search.evaluations = 600;
-  options.search.final_rollouts = 24;
-  return options;
-}
-
-// The state after `episodes` of them, or after as many as the options say.
-LearnerState Run(const Task& task, const LearnerOptions& options, LearnerState state = {},
-                 std::size_t episodes = 1000) {
-  Learner learner(task, options, std::move(state));
-  while (!learner.done() && learner.state().episodes.size() < episodes) learner.RunEpisode({});
-  return learner.state();
-}
-
 std::string OptionError(const std::function<void(LearnerOptions&)>& change) {
   LearnerOptions options = PointMassOptions();
   change(options);

@@ -70,12 +70,6 @@ LearnerOptions Options(int episodes, int threads = 1) {
   return options;
 }
 
-LearnerState Run(const Task& task, const LearnerOptions& options, LearnerState state = {}) {
-  Learner learner(task, options, std::move(state));
-  while (!learner.done()) learner.RunEpisode({});
-  return learner.state();
-}
-
 bool SamePrior(const LearnerState& a, const LearnerState& b) {
   bool same = a.episodes.size() == b.episodes.size();
   for (std::size_t i = 0; same && i < a.episodes.size(); ++i) {
@@ -85,6 +79,17 @@ bool SamePrior(const LearnerState& a, const LearnerState& b) {
                    SameBits(x->log_likelihood, y->log_likelihood)));
   }
   return same;
+}
+
+// Two episodes with next to no search.
+LearnerOptions HardlyAnySearch(int final_rollouts) {
+  LearnerOptions options;
+  options.episodes = 2;
+  options.threads = 2;
+  options.search.evaluations = 200;
+  options.search.concurrent = 1;
+  options.search.final_rollouts = final_rollouts;
+  return options;
 }
 
 // A cart-pole without noise.
@@ -111,12 +116,7 @@ std::string WrongCartpole() {
 }
 
 TEST_CASE("prior_fit: a prior that is the real system leaves no residual, and rollouts are real") {
-  LearnerOptions options;
-  options.episodes = 2;
-  options.threads = 2;
-  options.search.evaluations = 200;
-  options.search.concurrent = 1;
-  options.search.final_rollouts = 2;
+  LearnerOptions options = HardlyAnySearch(2);
   options.rollout.use_variance = false;
   Task task = MakeTask("pendulum");  // its observations have no noise
   task.prior = task.make_prior("", "");
@@ -143,13 +143,7 @@ TEST_CASE("prior_fit: a wrong mass and damping are recovered from one noise-free
   std::ofstream(file) << WrongCartpole();
   Task task = NoiselessCartpole();
   task.prior = task.make_prior(file, "pole:mass=0.1..1, cart:damping=0..0.5");
-  LearnerOptions options;
-  options.episodes = 2;
-  options.threads = 2;
-  options.search.evaluations = 200;
-  options.search.concurrent = 1;
-  options.search.final_rollouts = 1;
-  const EpisodeRecord learnt = Run(task, options).episodes[1];
+  const EpisodeRecord learnt = Run(task, HardlyAnySearch(1)).episodes[1];
   REQUIRE(learnt.prior.has_value());
   // The search ends within 1e-3 of the ranges; two timesteps a period are worth as much again, and
   // the residual's model may take a share of what its lengthscales can follow: 1 % of a range.

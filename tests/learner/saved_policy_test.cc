@@ -136,12 +136,9 @@ class TwoForces final : public Policy {
 };
 
 LearnerOptions OwnPolicyOptions() {
-  LearnerOptions options;
+  LearnerOptions options = TinyOptions();
   options.episodes = 3;
-  options.threads = 2;
-  options.model.max_evaluations = 30;
-  options.search.evaluations = 600;
-  options.search.final_rollouts = 24;
+  options.seed = 0;
   options.policy.make = [](const Task&) { return std::make_unique<TwoForces>(); };
   return options;
 }

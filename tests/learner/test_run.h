@@ -1,40 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdlib>
 #include <cstring>
-#include <filesystem>
 #include <functional>
 #include <limits>
 #include <memory>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "engine/errors.h"
 #include "engine/learner/learner.h"
 #include "engine/rollout/reward.h"
+#include "tests/temporary_directory.h"
 
 namespace downpour {
-
-// A directory of this test alone, removed at the end.
-class TemporaryDirectory {
- public:
-  TemporaryDirectory() {
-    std::string name = (std::filesystem::temp_directory_path() / "downpour_test_XXXXXX").string();
-    path_ = ::mkdtemp(name.data());
-  }
-  ~TemporaryDirectory() { std::filesystem::remove_all(path_); }
-  const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
 
 // A point mass on a line, pushed by a force; Euler steps. State (velocity, position).
 class PointMass : public System {
@@ -188,6 +172,26 @@ inline LearnerOptions PointMassOptions() {
   options.search.restarts = RestartStrategy::kBipop;
   options.seed = std::numeric_limits<std::uint64_t>::max();
   return options;
+}
+
+// A budget that runs in well under a second an episode; it need not learn anything.
+inline LearnerOptions TinyOptions() {
+  LearnerOptions options;
+  options.episodes = 4;
+  options.seed = 5;
+  options.threads = 2;
+  options.model.max_evaluations = 30;
+  options.search.evaluations = 600;
+  options.search.final_rollouts = 24;
+  return options;
+}
+
+// The state after `episodes` of them, or after as many as the options say.
+inline LearnerState Run(const Task& task, const LearnerOptions& options, LearnerState state = {},
+                        std::size_t episodes = 1000) {
+  Learner learner(task, options, std::move(state));
+  while (!learner.done() && learner.state().episodes.size() < episodes) learner.RunEpisode({});
+  return learner.state();
 }
 
 // what() of the exception E that `action` throws; "" if none.

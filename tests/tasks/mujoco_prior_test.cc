@@ -5,9 +5,6 @@
 
 #include <array>
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
-#include <fstream>
 #include <string>
 #include <vector>
 
@@ -15,6 +12,7 @@
 #include "kernels/aligned.h"
 #include "kernels/philox/philox.h"
 #include "tasks/registry.h"
+#include "tests/temporary_directory.h"
 
 namespace downpour {
 namespace {
@@ -42,25 +40,6 @@ std::string Replaced(std::string text, const std::string& old, const std::string
   return text.replace(at, old.size(), now);
 }
 
-// A folder of this test's own, removed at the end.
-class Folder {
- public:
-  Folder() {
-    std::string name = (std::filesystem::temp_directory_path() / "downpour-XXXXXX").string();
-    REQUIRE(mkdtemp(name.data()) != nullptr);
-    path_ = name;
-  }
-  ~Folder() { std::filesystem::remove_all(path_); }
-  std::string Write(const std::string& name, const std::string& text) const {
-    const std::string file = (path_ / name).string();
-    std::ofstream(file) << text;
-    return file;
-  }
-
- private:
-  std::filesystem::path path_;
-};
-
 // States and actions of cart-pole for one tile.
 struct Tile {
   Tile() : states(4 * kTileLanes), actions(kTileLanes), next(4 * kTileLanes) {
@@ -86,7 +65,7 @@ AlignedVector<double> BySystem(const std::string& file, const Tile& tile) {
 }
 
 TEST_CASE("mujoco_prior: predicts the very bits of the system with the same model") {
-  const Folder folder;
+  const TemporaryDirectory folder;
   const std::string file = folder.Write("model.xml", kModel);
   Tile tile;
   const auto prior = MakeTask("cartpole").make_prior(file, "");
@@ -115,7 +94,7 @@ TEST_CASE("mujoco_system: Place and Reset lead to the same bits, joint limits an
   for (const std::string& name : TaskNames()) {
     const Task task = MakeTask(name);
     // Of the model built in, and once more with what the solver was warm-started with in between.
-    const Folder folder;
+    const TemporaryDirectory folder;
     std::vector<double> state(task.n_states()), action(task.n_actions());
     const auto system = task.make_system();
     auto* const placed = dynamic_cast<MujocoSystem*>(system.get());
@@ -157,7 +136,7 @@ TEST_CASE("mujoco_prior: each parameter does what the same number in the file do
       {"pole:stiffness", 0.25, {{R"(stiffness="0.2")", R"(stiffness="0.25")"}}},
       {"pole:armature", 0.002, {{R"(armature="0.001")", R"(armature="0.002")"}}},
       {"force:gear", 0.8, {{R"(gear="1")", R"(gear="0.8")"}}}};
-  const Folder folder;
+  const TemporaryDirectory folder;
   const std::string file = folder.Write("model.xml", kModel);
   const Tile tile;
   for (const Change& change : changes) {
@@ -187,7 +166,7 @@ TEST_CASE("mujoco_prior: each parameter does what the same number in the file do
 }
 
 TEST_CASE("mujoco_prior: names, units, ranges and starts of its parameters") {
-  const Folder folder;
+  const TemporaryDirectory folder;
   const std::string file = folder.Write("model.xml", kModel);
   const auto prior = MakeTask("cartpole")
                          .make_prior(file,
@@ -215,7 +194,7 @@ TEST_CASE("mujoco_prior: names, units, ranges and starts of its parameters") {
 }
 
 TEST_CASE("mujoco_prior: bad models and lists are refused in one line that says what is allowed") {
-  const Folder folder;
+  const TemporaryDirectory folder;
   const std::string file = folder.Write("model.xml", kModel);
   const auto message = [](const std::string& model, const std::string& free) -> std::string {
     try {
@@ -268,7 +247,7 @@ TEST_CASE("mujoco_prior: bad models and lists are refused in one line that says 
 }
 
 TEST_CASE("mujoco_prior: a file that changes under a run is refused") {
-  const Folder folder;
+  const TemporaryDirectory folder;
   const std::string file = folder.Write("model.xml", kModel);
   const auto prior = MakeTask("cartpole").make_prior(file, "pole:mass");
   CHECK_NOTHROW(prior->MakePredictor());

@@ -16,6 +16,7 @@
 
 #include "engine/errors.h"
 #include "tasks/registry.h"
+#include "tests/temporary_directory.h"
 
 namespace downpour {
 namespace {
@@ -33,26 +34,6 @@ std::string MessageOf(const std::function<void()>& action) {
 bool Contains(const std::string& text, const std::string& part) {
   return text.find(part) != std::string::npos;
 }
-
-// A folder of this test's own, removed at the end.
-class Folder {
- public:
-  Folder() {
-    std::string name = (std::filesystem::temp_directory_path() / "downpour-XXXXXX").string();
-    REQUIRE(mkdtemp(name.data()) != nullptr);
-    path_ = name;
-  }
-  ~Folder() { std::filesystem::remove_all(path_); }
-  const std::filesystem::path& path() const { return path_; }
-  std::string Write(const std::string& text) const {
-    const std::string file = (path_ / "model.xml").string();
-    std::ofstream(file) << text;
-    return file;
-  }
-
- private:
-  std::filesystem::path path_;
-};
 
 // A pendulum in MJCF with these parts.
 std::string Pendulum(const std::string& joint, const std::string& actuator,
@@ -88,22 +69,22 @@ TEST_CASE("registry: refuses unknown presets, listing what is allowed") {
 }
 
 TEST_CASE("system: the digest tells models apart, by the text in use and the files it names") {
-  const Folder folder;
+  const TemporaryDirectory folder;
   const auto digest = [](const std::string& task, const std::string& file = "") {
     return MakeTask(task, "paper", file).model_digest;
   };
   CHECK(digest("pendulum").size() == 16);
   CHECK(digest("pendulum") == digest("pendulum"));
   CHECK(digest("pendulum") != digest("cartpole"));
-  const std::string file = folder.Write(Pendulum(kJoint, kMotor));
+  const std::string file = folder.Write("model.xml", Pendulum(kJoint, kMotor));
   const std::string first = digest("pendulum", file);
   CHECK(first.size() == 16);
   CHECK(first != digest("pendulum"));
-  folder.Write(Pendulum(kJoint, kMotor, R"(timestep="0.01" gravity="0 0 -5")"));
+  folder.Write("model.xml", Pendulum(kJoint, kMotor, R"(timestep="0.01" gravity="0 0 -5")"));
   CHECK(digest("pendulum", file) != first);
-  folder.Write(Pendulum(kJoint, kMotor));
+  folder.Write("model.xml", Pendulum(kJoint, kMotor));
   CHECK(digest("pendulum", file) == first);
-  folder.Write("<mujoco><include file = 'part.xml'/></mujoco>");
+  folder.Write("model.xml", "<mujoco><include file = 'part.xml'/></mujoco>");
   const std::string part = (folder.path() / "part.xml").string();
   std::ofstream(part) << "<mujoco/>";
   const std::string included = digest("pendulum", file);
@@ -116,10 +97,10 @@ TEST_CASE("system: the digest tells models apart, by the text in use and the fil
 }
 
 TEST_CASE("system: a model file replaces the built-in one") {
-  const Folder folder;
+  const TemporaryDirectory folder;
   // Without gravity a pole keeps the speed it has.
   const std::string file =
-      folder.Write(Pendulum(kJoint, kMotor, R"(timestep="0.05" gravity="0 0 0")"));
+      folder.Write("model.xml", Pendulum(kJoint, kMotor, R"(timestep="0.05" gravity="0 0 0")"));
   const std::unique_ptr<System> system = MakeTask("pendulum", "paper", file).make_system();
   std::array<double, 2> state = {3, 1};
   const double torque = 0;
@@ -158,10 +139,10 @@ TEST_CASE("system: a model that cannot be used is refused in one line with file 
       {Pendulum(kJoint, kMotor, R"(timestep="-0.01")"), {"timestep -0.01 s"}},
       {Pendulum(kJoint, kMotor, R"(timestep="1e-9")"), {"timestep 1e-09 s"}},
   };
-  const Folder folder;
+  const TemporaryDirectory folder;
   for (const Case& c : cases) {
     CAPTURE(c.mjcf);
-    const std::string file = folder.Write(c.mjcf);
+    const std::string file = folder.Write("model.xml", c.mjcf);
     const Task task = MakeTask("pendulum", "paper", file);
     const std::string message = MessageOf([&] { task.make_system(); });
     CAPTURE(message);
@@ -173,11 +154,11 @@ TEST_CASE("system: a model that cannot be used is refused in one line with file 
 }
 
 TEST_CASE("system: an actuator that clips the task's actions is refused, a wider one is not") {
-  const Folder folder;
+  const TemporaryDirectory folder;
   const auto message_of = [&](const std::string& range) {
     const std::string motor =
         R"(<motor name="torque" joint="pole" ctrllimited="true" ctrlrange=")" + range + R"("/>)";
-    const std::string file = folder.Write(Pendulum(kJoint, motor));
+    const std::string file = folder.Write("model.xml", Pendulum(kJoint, motor));
     return MessageOf([&] { MakeTask("pendulum", "paper", file).make_system(); });
   };
   CHECK(message_of("-2.5 2.5") == "");
@@ -191,7 +172,7 @@ TEST_CASE("system: an actuator that clips the task's actions is refused, a wider
 }
 
 TEST_CASE("system: a model file that cannot be read is refused by name") {
-  const Folder folder;
+  const TemporaryDirectory folder;
   const std::string missing = (folder.path() / "missing.xml").string();
   const auto message_of = [](const std::string& file) {
     return MessageOf([&] { MakeTask("cartpole", "paper", file).make_system(); });
@@ -203,7 +184,7 @@ TEST_CASE("system: a model file that cannot be read is refused by name") {
 }
 
 TEST_CASE("system: MuJoCo's errors are exceptions and its warnings leave no log file") {
-  const Folder folder;
+  const TemporaryDirectory folder;
   const std::filesystem::path before = std::filesystem::current_path();
   std::filesystem::current_path(folder.path());
   const std::unique_ptr<System> system = MakeTask("pendulum").make_system();

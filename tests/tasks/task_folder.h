@@ -3,13 +3,14 @@
 
 #include <doctest/doctest.h>
 
-#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <map>
 #include <sstream>
 #include <string>
+
+#include "tests/temporary_directory.h"
 
 namespace downpour {
 
@@ -21,21 +22,15 @@ inline std::filesystem::path TasksFolder() {
 // end.
 class TaskFolder {
  public:
-  TaskFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "downpour-XXXXXX").string();
-    REQUIRE(mkdtemp(name.data()) != nullptr);
-    path_ = name;
-    WriteModel("", "");
-  }
-  ~TaskFolder() { std::filesystem::remove_all(path_); }
+  TaskFolder() { WriteModel("", ""); }
 
-  const std::filesystem::path& path() const { return path_; }
+  const std::filesystem::path& path() const { return folder_.path(); }
 
   // Writes the task with the lines that begin with a key, behind spaces, replaced by the text
   // given; a list of several lines goes as a whole. Its path.
   std::string Cartpole(const std::map<std::string, std::string>& changes) const {
     std::istringstream lines(Read("cartpole.toml"));
-    std::ofstream out(path_ / "cartpole.toml");
+    std::ofstream out(path() / "cartpole.toml");
     bool in_list = false;
     for (std::string line; std::getline(lines, line);) {
       if (in_list) {
@@ -50,7 +45,7 @@ class TaskFolder {
       in_list = line.ends_with("[");
       out << found->second << "\n";
     }
-    return (path_ / "cartpole.toml").string();
+    return (path() / "cartpole.toml").string();
   }
 
   // Writes the model, `from` replaced by `to`.
@@ -60,7 +55,7 @@ class TaskFolder {
       REQUIRE(text.find(from) != std::string::npos);
       text.replace(text.find(from), from.size(), to);
     }
-    std::ofstream(path_ / "cartpole.xml") << text;
+    std::ofstream(path() / "cartpole.xml") << text;
   }
 
  private:
@@ -69,7 +64,7 @@ class TaskFolder {
     REQUIRE(file.is_open());
     return {std::istreambuf_iterator<char>(file), {}};
   }
-  std::filesystem::path path_;
+  TemporaryDirectory folder_;
 };
 
 }  // namespace downpour
