@@ -10,9 +10,8 @@
 #include "engine/rollout/reward.h"
 #include "engine/rollout/task.h"
 #include "kernels/aligned.h"
-#include "tasks/model_digest.h"
-#include "tasks/mujoco_prior.h"
 #include "tasks/mujoco_system.h"
+#include "tasks/mujoco_task.h"
 #include "tasks/solved.h"
 
 namespace downpour::arm {
@@ -145,10 +144,7 @@ Task Make(const std::string& preset, const std::string& mjcf_file) {
     });
   };
   task.solved_description = "end-effector within 0.1 m of the target throughout the last second";
-  const MujocoSystemSpec spec = SystemSpec(mjcf_file, task);
-  task.model_digest = ModelDigest(spec);
-  task.make_system = [spec] { return MakeMujocoSystem(spec); };
-  task.make_prior = MujocoPriorMaker(spec);
+  SimulateByMujoco(SystemSpec(mjcf_file, task), &task);
   return task;
 }
 

@@ -6,9 +6,8 @@
 
 #include "engine/rollout/reward.h"
 #include "engine/rollout/task.h"
-#include "tasks/model_digest.h"
-#include "tasks/mujoco_prior.h"
 #include "tasks/mujoco_system.h"
+#include "tasks/mujoco_task.h"
 #include "tasks/solved.h"
 
 namespace downpour::cartpole {
@@ -97,10 +96,7 @@ Task Make(const std::string& preset, const std::string& mjcf_file) {
   task.solved_description =
       "pole within 10 degrees of upright and cart within 0.1 m of the middle throughout the last "
       "second";
-  const MujocoSystemSpec spec = SystemSpec(mjcf_file, task);
-  task.model_digest = ModelDigest(spec);
-  task.make_system = [spec] { return MakeMujocoSystem(spec); };
-  task.make_prior = MujocoPriorMaker(spec);
+  SimulateByMujoco(SystemSpec(mjcf_file, task), &task);
   return task;
 }
 

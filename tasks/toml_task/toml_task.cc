@@ -15,9 +15,8 @@
 #include "engine/learner/checksum.h"
 #include "engine/learner/suggest.h"
 #include "engine/rollout/reward.h"
-#include "tasks/model_digest.h"
-#include "tasks/mujoco_prior.h"
 #include "tasks/mujoco_system.h"
+#include "tasks/mujoco_task.h"
 #include "tasks/toml_task/task_formula.h"
 #include "tasks/toml_task/toml_table.h"
 
@@ -323,9 +322,8 @@ Task LoadTomlTask(const std::string& file, const std::string& mjcf_file) {
   ReadSolved(Part(&root, "solved"), &reading);
   ReadPolicyAndSearch(&root, &task);
   root.CheckNoOthers();
-  task.model_digest = Checksum(ReadFile(file) + ModelDigest(reading.spec));
-  task.make_system = [spec = reading.spec] { return MakeMujocoSystem(spec); };
-  task.make_prior = MujocoPriorMaker(reading.spec);
+  SimulateByMujoco(reading.spec, &task);
+  task.model_digest = Checksum(ReadFile(file) + task.model_digest);
   return task;
 }
 
