@@ -13,29 +13,18 @@ import argparse
 import json
 import pathlib
 import subprocess
+import sys
 import tempfile
 import time
 
 import downpour as dp
 import numpy as np
 
+# Data, policy and reward are those of the tests.
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1] / "tests" / "python"))
+from models import cartpole_data, cartpole_reward, network  # noqa: E402
+
 PROGRAM = pathlib.Path(dp.__file__).parents[2] / "bin" / "engine_answers"
-
-
-def cartpole_data(episodes, seed=0):
-    """Model inputs (n, 6) and targets (n, 4) of episodes with random actions."""
-    env = dp.make("cartpole")
-    rng = np.random.default_rng(seed)
-    inputs, targets = [], []
-    for episode in range(episodes):
-        observation, done = env.reset(seed=1000 * seed + episode), False
-        while not done:
-            u = rng.uniform(-env.action_limit, env.action_limit)
-            after, _, done, _ = env.step(u)
-            inputs.append(np.concatenate([env.features(observation), u]))
-            targets.append(after - observation)
-            observation = after
-    return np.array(inputs), np.array(targets)
 
 
 def queries_like(inputs, count, seed=1):
@@ -118,25 +107,11 @@ def sklearn(repetitions):
         print(f"{name}, 2 threads: {seconds:.4f} s, {theirs_seconds / seconds:.0f} x; m = {points}")
 
 
-def numpy_policy(theta, features, t):
-    """The default network of cart-pole: 5 features, 10 tanh units, 1 action."""
-    theta, x = theta.T, features.T / np.array([[5.0], [5], [10], [1], [1]])
-    hidden = np.tanh(np.einsum("hfl,fl->hl", theta[:50].reshape(10, 5, -1), x) + theta[50:60])
-    return 10 * np.tanh(np.einsum("hl,hl->l", theta[60:70], hidden) + theta[70])[:, None]
-
-
-def numpy_reward(states, actions, t):
-    """Cart-pole's: 1 at x = 0, theta = pi."""
-    x, angle = states[:, 1], states[:, 3]
-    d2 = x**2 + (np.cos(angle) + 1)**2 + np.sin(angle)**2
-    return np.exp(-d2 / (2 * 0.25**2))
-
-
 def evaluator(repetitions):
     for tolerance in (0.02, 0):
         gp = learnt_model(tolerance)[-1]
         built_in = dp.Evaluator(gp, task="cartpole")
-        own = dp.Evaluator(gp, task="cartpole", policy=numpy_policy, reward=numpy_reward)
+        own = dp.Evaluator(gp, task="cartpole", policy=network, reward=cartpole_reward)
         thetas = np.random.default_rng(0).normal(size=(4096, built_in.n_parameters))
         difference = np.max(np.abs(own.evaluate(thetas) - built_in.evaluate(thetas)))
         seconds = [np.inf, np.inf]
