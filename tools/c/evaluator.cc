@@ -89,26 +89,13 @@ void RequireZero(int returned, const char* function, int step) {
                        " at step " + std::to_string(step));
 }
 
-BlockFunctions ToFunctions(const downpour_evaluator_options& options) {
-  BlockFunctions functions;
-  void* const user_data = options.user_data;
-  if (options.policy_function != nullptr) {
-    functions.policy = [act = options.policy_function, user_data](
-                           int step, int lanes, const double* parameters, const double* features,
-                           double* actions) {
-      RequireZero(act(user_data, step, lanes, parameters, features, actions), "policy_function",
-                  step);
-    };
-  }
-  if (options.reward_function != nullptr) {
-    functions.reward = [reward = options.reward_function, user_data](
-                           int step, int lanes, const double* states, const double* actions,
-                           double* rewards) {
-      RequireZero(reward(user_data, step, lanes, states, actions, rewards), "reward_function",
-                  step);
-    };
-  }
-  return functions;
+// Both kinds of callback read two blocks and write one; null gives none.
+BlockPolicy ToFunction(downpour_policy_function function, void* user_data, const char* name) {
+  if (function == nullptr) return nullptr;
+  return [function, user_data, name](int step, int lanes, const double* first, const double* second,
+                                     double* result) {
+    RequireZero(function(user_data, step, lanes, first, second, result), name, step);
+  };
 }
 
 std::unique_ptr<downpour_evaluator> Make(const downpour_gp& gp,
@@ -123,9 +110,11 @@ std::unique_ptr<downpour_evaluator> Make(const downpour_gp& gp,
   RequireRange("options.rollouts", options.rollouts, 1, 1e6);
   const EvaluatorOptions evaluator{options.use_variance != 0, options.predict_noise != 0,
                                    options.sample_clamp, Threads(options.threads)};
-  return std::unique_ptr<downpour_evaluator>(
-      new downpour_evaluator{ModelEvaluator(gp.model, std::move(task), std::move(policy),
-                                            ToFunctions(options), options.rollouts, evaluator)});
+  BlockPolicy act = ToFunction(options.policy_function, options.user_data, "policy_function");
+  BlockReward reward = ToFunction(options.reward_function, options.user_data, "reward_function");
+  return std::unique_ptr<downpour_evaluator>(new downpour_evaluator{
+      ModelEvaluator(gp.model, std::move(task), std::move(policy),
+                     {{}, std::move(act), std::move(reward)}, options.rollouts, evaluator)});
 }
 
 const ModelEvaluator& Get(const downpour_evaluator* evaluator) {
