@@ -37,12 +37,7 @@ struct EvaluateArguments {
 
 std::vector<Field> EvaluateFields(EvaluateArguments& arguments) {
   return {
-      {.key = "episode",
-       .option = "--episode",
-       .target = &arguments.episode,
-       .min = 0,
-       .max = 1000,
-       .description = "Policy of this episode; 0: the last one learnt."},
+      EpisodeField(&arguments.episode, "Policy of this episode; 0: the last one learnt."),
       {.key = "starts",
        .option = "--starts",
        .target = &arguments.starts,

@@ -32,6 +32,15 @@ void AddFieldOptions(CLI::App* command, const std::vector<Field>& fields,
   }
 }
 
+Field EpisodeField(int* episode, const std::string& description) {
+  return {.key = "episode",
+          .option = "--episode",
+          .target = episode,
+          .min = 0,
+          .max = 1000,
+          .description = description};
+}
+
 CLI::Validator NotEmpty() {
   return CLI::Validator(
       [](std::string& text) { return std::string(text.empty() ? "must not be empty" : ""); }, "");

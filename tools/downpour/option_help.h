@@ -18,6 +18,22 @@ std::string WithDefault(const std::string& text, const Field& field);
 void AddFieldOptions(CLI::App* command, const std::vector<Field>& fields,
                      const std::shared_ptr<std::vector<Setting>>& settings);
 
+// Adds `fields(*arguments)` as options of `command`, which when it is called puts what was given
+// into the arguments and calls run(*arguments).
+template <typename Arguments, typename Run>
+void RunWithFields(CLI::App* command, const std::shared_ptr<Arguments>& arguments,
+                   std::vector<Field> (*fields)(Arguments&), const Run& run) {
+  const auto settings = std::make_shared<std::vector<Setting>>();
+  AddFieldOptions(command, fields(*arguments), settings);
+  command->callback([=] {
+    ApplySettings(fields(*arguments), *settings);
+    run(*arguments);
+  });
+}
+
+// --episode of commands that read a run.
+Field EpisodeField(int* episode, const std::string& description);
+
 // Refuses "".
 CLI::Validator NotEmpty();
 

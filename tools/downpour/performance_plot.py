@@ -1,35 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws what `downpour profile` and `downpour scaling` measured: KIND PICTURE...
+"""Draws what `downpour profile` and `downpour scaling` measured, behind pictures.py: KIND
+PICTURE...
 
 KIND is profile or scaling. On standard input: the command's JSON.
 """
 import json
 import sys
 
-
-def fail(message):
-    print(f"downpour: {message}", file=sys.stderr)
-    sys.exit(2)
-
-
-try:
-    import matplotlib
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-    import numpy as np
-except ImportError as error:
-    fail(f"{error.name} is missing: run tools/setup --pictures")
-
 DARK, MODEL, GREY = "#22303c", "#2878d6", "#6b7785"
 COSTS = {"covariance": "#1f5fa8", "exponential": "#2878d6", "deflation": "#7fb2e8",
          "mean": "#b9d4f1", "triangle": "#e76f51", "openblas": "#e76f51", "prior": "#b56576", "sampling": "#2a9d8f",
          "features": "#8ccfc4", "policy": "#e9c46a", "reward": "#f2dfb0",
          "bookkeeping": "#a9b4c2"}
-plt.rcParams.update({
-    "font.size": 10, "axes.titlesize": 11, "axes.titleweight": "bold", "axes.titlelocation": "left",
-    "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": GREY,
-    "axes.grid": True, "axes.axisbelow": True, "grid.color": "#e6e9ee", "legend.fontsize": 9,
-    "legend.frameon": False, "svg.hashsalt": "downpour"})
 
 
 def describe(report):

@@ -28,12 +28,7 @@ struct PlotArguments {
 };
 
 std::vector<Field> PlotFields(PlotArguments& arguments) {
-  return {{.key = "episode",
-           .option = "--episode",
-           .target = &arguments.episode,
-           .min = 0,
-           .max = 1000,
-           .description = "Trajectories of this episode; 0: the last one."}};
+  return {EpisodeField(&arguments.episode, "Trajectories of this episode; 0: the last one.")};
 }
 
 void Plot(PlotArguments arguments) {
@@ -62,7 +57,6 @@ void AddPlotCommand(CLI::App* app) {
   CLI::App* command = app->add_subcommand(
       "plot", "Draw how a run went: returns, times, and an episode with its model's expectation");
   auto arguments = std::make_shared<PlotArguments>();
-  auto settings = std::make_shared<std::vector<Setting>>();
   command->add_option("RUN", arguments->run, "Run directory")->required()->check(NotEmpty());
   command
       ->add_option("-o,--output", arguments->outputs,
@@ -70,11 +64,7 @@ void AddPlotCommand(CLI::App* app) {
       ->type_name("FILE")
       ->allow_extra_args(false)
       ->check(NotEmpty());
-  AddFieldOptions(command, PlotFields(*arguments), settings);
-  command->callback([arguments, settings] {
-    ApplySettings(PlotFields(*arguments), *settings);
-    Plot(*arguments);
-  });
+  RunWithFields(command, arguments, PlotFields, Plot);
 }
 
 }  // namespace downpour

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Draws a run directory. `downpour plot` runs it: RUN TASK EPISODE PERIOD PICTURE...
+"""Draws a run directory. `downpour plot` runs it, behind pictures.py, with RUN TASK EPISODE
+PERIOD PICTURE...
 
 On standard input: rollouts of the episode's model (downpour predict); nothing for a random one.
 """
@@ -8,26 +9,7 @@ import math
 import os
 import sys
 
-
-def fail(message):
-    print(f"downpour: {message}", file=sys.stderr)
-    sys.exit(2)
-
-
-try:
-    import matplotlib
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-    import numpy as np
-except ImportError as error:
-    fail(f"{error.name} is missing: run tools/setup --pictures")
-
 REAL, SOLVED, MODEL, PLAIN = "#22303c", "#2a9d8f", "#2878d6", "#a9b4c2"
-plt.rcParams.update({
-    "font.size": 10, "axes.titlesize": 11, "axes.titleweight": "bold", "axes.titlelocation": "left",
-    "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#6b7785",
-    "axes.grid": True, "axes.axisbelow": True, "grid.color": "#e6e9ee", "legend.fontsize": 9,
-    "legend.frameon": False, "svg.hashsalt": "downpour"})
 
 
 class Table:

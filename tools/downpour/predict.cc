@@ -25,12 +25,7 @@ struct PredictArguments {
 
 std::vector<Field> PredictFields(PredictArguments& arguments) {
   return {
-      {.key = "episode",
-       .option = "--episode",
-       .target = &arguments.episode,
-       .min = 0,
-       .max = 1000,
-       .description = "Policy and model of this episode; 0: the last one."},
+      EpisodeField(&arguments.episode, "Policy and model of this episode; 0: the last one."),
       {.key = "rollouts",
        .option = "--rollouts",
        .target = &arguments.rollouts,
@@ -62,16 +57,11 @@ void AddPredictCommand(CLI::App* app) {
       "predict",
       "What the model of an episode expected of its policy: rollouts, as a table of every step");
   auto arguments = std::make_shared<PredictArguments>();
-  auto settings = std::make_shared<std::vector<Setting>>();
   command->add_option("RUN", arguments->run, "Run directory")->required()->check(NotEmpty());
   command->add_option("-o,--output", arguments->output, "CSV file of all steps")
       ->type_name("FILE")
       ->check(NotEmpty());
-  AddFieldOptions(command, PredictFields(*arguments), settings);
-  command->callback([arguments, settings] {
-    ApplySettings(PredictFields(*arguments), *settings);
-    Predict(*arguments);
-  });
+  RunWithFields(command, arguments, PredictFields, Predict);
 }
 
 }  // namespace downpour

@@ -12,6 +12,9 @@
 #include "engine/errors.h"
 
 namespace downpour {
+
+extern const char* const k_pictures_py;  // pictures.py
+
 namespace {
 
 constexpr const char* kPython = "/usr/bin/python3";
@@ -38,7 +41,7 @@ void RunPythonScript(const std::string& script, std::vector<std::string> words,
   if (std::fflush(stdout) != 0) throw FileError("standard output: cannot write");
   GiveStandardInput(input);
   // With -P it imports nothing from the working directory.
-  words.insert(words.begin(), {kPython, "-P", "-c", script});
+  words.insert(words.begin(), {kPython, "-P", "-c", k_pictures_py + script});
   std::vector<char*> argv;
   for (std::string& word : words) argv.push_back(word.data());
   argv.push_back(nullptr);

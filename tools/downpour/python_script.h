@@ -7,9 +7,9 @@
 
 namespace downpour {
 
-// Replaces this process by Python running `script` with `words` as its arguments and `input` as its
-// standard input: the script's exit status is the command's. Standard output is flushed before.
-// Throws FileError if that fails.
+// Replaces this process by Python running pictures.py and `script`, as one, with `words` as its
+// arguments and `input` as its standard input: the script's exit status is the command's. Standard
+// output is flushed before. Throws FileError if that fails.
 [[noreturn]] void RunPythonScript(const std::string& script, std::vector<std::string> words,
                                   std::string_view input = {});
 

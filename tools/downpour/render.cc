@@ -41,12 +41,7 @@ struct RenderArguments {
 
 std::vector<Field> RenderFields(RenderArguments& arguments) {
   return {
-      {.key = "episode",
-       .option = "--episode",
-       .target = &arguments.episode,
-       .min = 0,
-       .max = 1000,
-       .description = "This episode; 0: the last one."},
+      EpisodeField(&arguments.episode, "This episode; 0: the last one."),
       {.key = "rollouts",
        .option = "--rollouts",
        .target = &arguments.rollouts,
@@ -213,7 +208,6 @@ void AddRenderCommand(CLI::App* app) {
   CLI::App* command = app->add_subcommand(
       "render", "Draw an episode of a run and what its model expected, as a filmstrip or a film");
   auto arguments = std::make_shared<RenderArguments>();
-  auto settings = std::make_shared<std::vector<Setting>>();
   command->add_option("RUN", arguments->run, "Run directory")->required()->check(NotEmpty());
   command
       ->add_option("-o,--output", arguments->output,
@@ -221,11 +215,7 @@ void AddRenderCommand(CLI::App* app) {
                    "(default RUN/episode_K.png)")
       ->type_name("FILE")
       ->check(NotEmpty());
-  AddFieldOptions(command, RenderFields(*arguments), settings);
-  command->callback([arguments, settings] {
-    ApplySettings(RenderFields(*arguments), *settings);
-    Render(*arguments);
-  });
+  RunWithFields(command, arguments, RenderFields, Render);
 }
 
 }  // namespace downpour

@@ -59,7 +59,6 @@ void AddReportCommand(CLI::App* app) {
   CLI::App* command =
       app->add_subcommand("report", "Draw the results of a study as a page, pictures and tables");
   auto arguments = std::make_shared<ReportArguments>();
-  auto settings = std::make_shared<std::vector<Setting>>();
   command->add_option("DATABASE", arguments->database, "Database of downpour study")
       ->type_name("FILE")
       ->required()
@@ -70,11 +69,7 @@ void AddReportCommand(CLI::App* app) {
                    "DATABASE with .html for .db)")
       ->type_name("FILE")
       ->check(NotEmpty());
-  AddFieldOptions(command, ReportFields(*arguments), settings);
-  command->callback([arguments, settings] {
-    ApplySettings(ReportFields(*arguments), *settings);
-    Report(*arguments);
-  });
+  RunWithFields(command, arguments, ReportFields, Report);
 }
 
 }  // namespace downpour

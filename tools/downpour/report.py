@@ -12,7 +12,7 @@ plt.rcParams.update({
     "font.size": 9, "axes.titlesize": 10, "axes.titleweight": "bold", "axes.titlelocation": "left",
     "axes.spines.top": False, "axes.spines.right": False, "axes.edgecolor": "#6b7785",
     "axes.grid": True, "axes.axisbelow": True, "grid.color": "#e6e9ee", "legend.fontsize": 8,
-    "legend.framealpha": 0.85, "legend.edgecolor": "none",
+    "legend.frameon": True, "legend.framealpha": 0.85, "legend.edgecolor": "none",
     "figure.figsize": (4.8, 3.6), "figure.constrained_layout.use": True})
 
 class Page:

@@ -7,21 +7,6 @@ import itertools
 import math
 import os
 import sqlite3
-import sys
-
-
-def fail(message):
-    print(f"downpour: {message}", file=sys.stderr)
-    sys.exit(2)
-
-
-try:
-    import matplotlib
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-    import numpy as np
-except ImportError as error:
-    fail(f"{error.name} is missing: run tools/setup --pictures")
 
 # What the paper says in words and in Table I. Rates: (policy.kind, rollout.variance) -> %.
 PAPER = {

@@ -284,7 +284,6 @@ void AddScalingCommand(CLI::App* app) {
   CLI::App* command = app->add_subcommand(
       "scaling", "Time policy searches by 1, 2, ... threads: speed-up and what holds it back");
   auto arguments = std::make_shared<ScalingArguments>();
-  auto settings = std::make_shared<std::vector<Setting>>();
   command->add_option("TASK", arguments->tasks, "Tasks (default pendulum and cartpole)");
   command
       ->add_option("-o,--output", arguments->outputs,
@@ -301,7 +300,7 @@ void AddScalingCommand(CLI::App* app) {
                     "OMP_PLACES=cores, unless they are set)");
   command->add_flag("!--no-weak", arguments->weak,
                     "Leave out the searches that grow with the threads");
-  AddFieldOptions(command, ScalingFields(*arguments), settings);
+  RunWithFields(command, arguments, ScalingFields, Scale);
   command->footer(
       "A search is one episode's on a fixed model; all numbers of threads take turns, and must "
       "end\n"
@@ -309,10 +308,6 @@ void AddScalingCommand(CLI::App* app) {
       "that of the larger search in the same time. \"expect\" is computed from the measured "
       "serial\n"
       "share, the tiles of the batches, and FMA peak and bandwidth of as many threads.");
-  command->callback([arguments, settings] {
-    ApplySettings(ScalingFields(*arguments), *settings);
-    Scale(*arguments);
-  });
 }
 
 }  // namespace downpour
