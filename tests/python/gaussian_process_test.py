@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """downpour.GaussianProcess: its answers, against scikit-learn and a closed form."""
+import tracemalloc
 import unittest
 
 import downpour as dp
@@ -114,6 +115,20 @@ class GaussianProcessTest(unittest.TestCase):
         x_int = np.arange(12).reshape(6, 2)
         gp = dp.GaussianProcess(x_int, x_int[:, :1], [[3, 3]], [2], [1])
         self.assertEqual(gp.predict(x_int)[0].shape, (6, 1))
+
+    def test_contiguous_queries_go_in_without_a_copy(self):
+        model = cartpole_model(0)
+        queries = np.tile(cartpole_data()[0], (100, 1))
+        answers = 2 * len(queries) * 4 * 8  # bytes
+
+        def peak(of):
+            tracemalloc.start()
+            model.predict(of)
+            bytes_ = tracemalloc.get_traced_memory()[1]
+            tracemalloc.stop()
+            return bytes_
+        self.assertLess(peak(queries), answers + 0.1 * queries.nbytes)
+        self.assertGreater(peak(np.asfortranarray(queries)), answers + queries.nbytes)
 
     def test_properties_are_copies(self):
         x, y, hyper = smooth_data()

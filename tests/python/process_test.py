@@ -50,23 +50,69 @@ class ThreadsTest(unittest.TestCase):
                 for got, wanted in zip(result, alone):
                     self.assertTrue(np.array_equal(got, wanted))
 
+    def test_learning_in_four_threads_has_the_bits_of_one(self):
+        def work(seed):
+            return dp.learn("pendulum", seed=seed, episodes=2, threads=1, settings={
+                "search.evaluations": 600, "search.final_rollouts": 24}).transitions["action"]
+        for seed, actions in enumerate(together(work)):
+            self.assertTrue(np.array_equal(actions, work(seed)))
+
+    def test_errors_in_some_threads_do_not_reach_the_others(self):
+        model, rows = cartpole_model(), thetas(100)
+        good = dp.Evaluator(model, task="cartpole", reward=cartpole_reward)
+        wanted = good.evaluate(rows)
+
+        def raises(states, actions, t):
+            raise LookupError("mine")
+        bad = [(raises, LookupError, "mine"),
+               (lambda s, a, t: s, ValueError, "result of reward: shape"),
+               (lambda s, a, t: s[:, 0] * np.nan, ValueError, "reward: gave nan")]
+
+        def work(i):
+            if i == 3:
+                return [good.evaluate(rows) for _ in range(20)]
+            reward, exception, message = bad[i]
+            evaluator = dp.Evaluator(model, task="cartpole", reward=reward)
+            for _ in range(20):
+                with self.assertRaisesRegex(exception, message):
+                    evaluator.evaluate(rows)
+            return []
+        results = together(work)
+        self.assertEqual([result == [] for result in results], [True, True, True, False])
+        self.assertTrue(all(np.array_equal(result, wanted) for result in results[3]))
+
     def test_other_threads_run_during_long_calls(self):
         model = cartpole_model(0)
+        queries = np.tile(cartpole_data()[0], (500, 1))
+        x, y, hyper = smooth_data(n=500, dim=6, outputs=4)
         evaluator = dp.Evaluator(model, task="cartpole", threads=1)
-        ticks, done = [], threading.Event()
+        many = dp.Evaluator(model, task="cartpole", threads=1, rollouts=2000)
+        calls = (lambda: model.predict(queries, threads=1),
+                 lambda: evaluator.evaluate(thetas(2000)),
+                 lambda: many.rollout(thetas(1)[0]),
+                 lambda: dp.GaussianProcess(x, y, *hyper, threads=1),
+                 lambda: dp.GaussianProcess.fit(x, y, threads=1),
+                 lambda: dp.learn("pendulum", episodes=2, threads=1,
+                                  settings={"search.evaluations": 20000}))
+        for i, call in enumerate(calls):
+            ticks, done = [], threading.Event()
 
-        def tick():
-            while not done.is_set():
-                ticks.append(time.monotonic())
-                time.sleep(0.001)
-        ticker = threading.Thread(target=tick)
-        ticker.start()
-        start = time.monotonic()
-        while time.monotonic() - start < 0.3:
-            evaluator.evaluate(thetas(500))
-        done.set()
-        ticker.join()
-        self.assertGreater(len(ticks), 30)
+            def tick():
+                while not done.is_set():
+                    ticks.append(time.monotonic())
+                    time.sleep(0.001)
+            ticker = threading.Thread(target=tick)
+            ticker.start()
+            start = time.monotonic()
+            call()
+            end = time.monotonic()
+            done.set()
+            ticker.join()
+            # With the lock held there would be none, but one at either end.
+            during = [t for t in ticks if start + 0.002 < t < end - 0.002]
+            with self.subTest(call=i, seconds=end - start):
+                self.assertGreater(end - start, 0.02)
+                self.assertGreater(len(during), (end - start) / 0.02)
 
 
 class InterruptTest(unittest.TestCase):
