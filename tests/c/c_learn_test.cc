@@ -119,6 +119,7 @@ TEST_CASE("C learn: what is wrong is told, and the policy stays") {
   };
   fails(nullptr, tiny, "task: NULL");
   fails("cart", tiny, "cart");
+  fails("nowhere.toml", tiny, "nowhere.toml: cannot read");
   CheckFailure(downpour_learn("pendulum", &tiny, nullptr), DOWNPOUR_INVALID_INPUT, "policy: NULL");
   downpour_learn_options options = tiny;
   options.size = 3;

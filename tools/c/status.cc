@@ -28,6 +28,8 @@ int FailWithException() noexcept {
     throw;
   } catch (const InvalidInput& e) {
     return Fail(DOWNPOUR_INVALID_INPUT, e.what());
+  } catch (const FileError& e) {
+    return Fail(DOWNPOUR_INVALID_INPUT, e.what());
   } catch (const CallbackFailed& e) {
     return Fail(DOWNPOUR_CALLBACK_FAILED, e.what());
   } catch (const std::bad_alloc&) {

@@ -112,6 +112,14 @@ int ToThreads(py::handle value) {
   return threads == 0 ? omp_get_num_procs() : threads;
 }
 
+bool ToFlag(py::handle value, const std::string& name) {
+  if (PyBool_Check(value.ptr()) != 0) return value.ptr() == Py_True;
+  if (py::isinstance(value, py::module_::import("numpy").attr("bool_"))) {
+    return value.attr("__bool__")().cast<bool>();
+  }
+  throw py::type_error(name + " = " + std::string(py::repr(value)) + ": must be True or False");
+}
+
 int ToChoice(py::handle value, const std::string& name, const std::vector<std::string>& choices) {
   std::string allowed;
   for (std::size_t i = 0; i < choices.size(); ++i) {

@@ -44,6 +44,7 @@ std::int64_t ToInteger(py::handle value, const std::string& name, std::int64_t l
 std::uint64_t ToSeed(py::handle value);
 double ToNumber(py::handle value, const std::string& name);
 int ToThreads(py::handle value);  // 0: all cores
+bool ToFlag(py::handle value, const std::string& name);
 // The index of `value` in `choices`.
 int ToChoice(py::handle value, const std::string& name, const std::vector<std::string>& choices);
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "engine/search/minimise.h"
+#include "tools/python/calls.h"
 
 namespace downpour::python {
 namespace {
@@ -184,8 +185,8 @@ void AddCmaEs(py::module_* module) {
       .def(
           "get", [](const Best& best) { return py::make_tuple(best.x, best.f, best.evaluations); },
           "(x, f, evaluations so far)");
-  py::class_<CmaEsSearch>(*module, "CMAES", kDoc)
-      .def(py::init(&Make), arg("x0"), arg("sigma0"), arg("lower") = none, arg("upper") = none,
+  py::class_<CmaEsSearch> type(*module, "CMAES", kDoc);
+  type.def(py::init(&Make), arg("x0"), arg("sigma0"), arg("lower") = none, arg("upper") = none,
            arg("restarts") = "bipop", arg("seed") = 0, arg("population") = 0,
            arg("max_evaluations") = 1000000, arg("target") = none, arg("covariance") = "auto")
       .def("ask", &CmaEsSearch::Ask,
@@ -213,6 +214,10 @@ void AddCmaEs(py::module_* module) {
           "lambda of the present run.")
       .def_property_readonly(
           "dimension", [](const CmaEsSearch& search) { return search.search().dimension(); }, "P");
+  RefuseOtherConstruction(&type, kDoc);
+  RefuseOtherCalls(&type, "ask", "ask()");
+  RefuseOtherCalls(&type, "tell", "tell(X, f)");
+  RefuseOtherCalls(&type, "stop", "stop()");
 }
 
 }  // namespace downpour::python

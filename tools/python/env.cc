@@ -13,6 +13,7 @@
 #include "engine/rollout/task.h"
 #include "kernels/philox/philox.h"
 #include "tasks/registry.h"
+#include "tools/python/calls.h"
 #include "tools/python/task_arguments.h"
 
 namespace downpour::python {
@@ -125,8 +126,8 @@ py::list NamesOf(const std::vector<Variable>& variables) {
 
 void AddEnv(py::module_* module) {
   using py::arg;
-  py::class_<Env>(*module, "Env", kDoc)
-      .def("reset", &Env::Reset, arg("seed") = py::none(),
+  py::class_<Env> type(*module, "Env", kDoc);
+  type.def("reset", &Env::Reset, arg("seed") = py::none(),
            "reset(seed=None) -> obs (E,)\n\nBegins an episode. The same seed gives the same start "
            "and "
            "noise; None goes on with the next episode of the last seed (0 at first).")
@@ -152,6 +153,9 @@ void AddEnv(py::module_* module) {
                              [](const Env& env) { return NamesOf(env.task().feature_names); })
       .def_property_readonly("action_names",
                              [](const Env& env) { return NamesOf(env.task().actions); });
+  RefuseOtherCalls(&type, "reset", "reset(seed=None)");
+  RefuseOtherCalls(&type, "step", "step(u)");
+  RefuseOtherCalls(&type, "features", "features(states)");
   module->def(
       "make",
       [](py::handle task, py::handle preset) {
@@ -160,6 +164,7 @@ void AddEnv(py::module_* module) {
       arg("task"), arg("preset") = "",
       "make(task, preset=\"\") -> Env\n\nA built-in task on its simulator; downpour.tasks() "
       "lists them.");
+  RefuseOtherCalls(module, "make", "make(task, preset=)");
   module->def(
       "tasks",
       [] {

@@ -10,6 +10,7 @@
 #include "engine/rollout/model_evaluator.h"
 #include "tasks/registry.h"
 #include "tools/python/block_callbacks.h"
+#include "tools/python/calls.h"
 #include "tools/python/gaussian_process.h"
 #include "tools/python/interrupt.h"
 #include "tools/python/task_arguments.h"
@@ -147,7 +148,7 @@ std::unique_ptr<PyEvaluator> MakeEvaluator(
     py::handle gp, const py::object& task_name, const py::object& features,
     const py::object& policy, const py::object& reward, py::handle rollouts, py::handle horizon,
     py::handle start, py::handle action_limit, py::handle start_std, py::handle hidden_units,
-    py::handle activation, py::handle points, bool use_variance, bool predict_noise,
+    py::handle activation, py::handle points, py::handle use_variance, py::handle predict_noise,
     py::handle sample_clamp, py::handle preset, py::handle threads) {
   if (!py::isinstance<GaussianProcess>(gp)) {
     throw py::type_error("model = " + std::string(py::repr(gp)) + ": must be a GaussianProcess");
@@ -176,8 +177,8 @@ std::unique_ptr<PyEvaluator> MakeEvaluator(
     own = MakePolicy(task, ToPolicyOptions(policy, hidden_units, activation, points));
   }
   EvaluatorOptions options;
-  options.use_variance = use_variance;
-  options.predict_noise = predict_noise;
+  options.use_variance = ToFlag(use_variance, "use_variance");
+  options.predict_noise = ToFlag(predict_noise, "predict_noise");
   options.sample_clamp = ToNumber(sample_clamp, "sample_clamp");
   if (options.sample_clamp < 0) throw py::value_error("sample_clamp: must be >= 0");
   options.threads = ToThreads(threads);
@@ -218,8 +219,8 @@ void SetUpCollection(PyHeapTypeObject* heap_type) {
 void AddEvaluator(py::module_* module) {
   using py::arg;
   const py::none none;
-  py::class_<PyEvaluator>(*module, "Evaluator", kDoc, py::custom_type_setup(&SetUpCollection))
-      .def(py::init(&MakeEvaluator), arg("model"), arg("task") = none, arg("features") = none,
+  py::class_<PyEvaluator> type(*module, "Evaluator", kDoc, py::custom_type_setup(&SetUpCollection));
+  type.def(py::init(&MakeEvaluator), arg("model"), arg("task") = none, arg("features") = none,
            arg("policy") = "nn", arg("reward") = none, arg("rollouts") = 1, arg("horizon") = none,
            arg("start") = none, arg("action_limit") = none, arg("start_std") = none,
            arg("hidden_units") = py::make_tuple(10), arg("activation") = "tanh", arg("points") = 0,
@@ -244,6 +245,9 @@ void AddEvaluator(py::module_* module) {
           "Parameters are searched in +- this by the learner.")
       .def_property_readonly("diverged_return", &PyEvaluator::diverged_return,
                              "Return of a rollout that has diverged, below that of any other.");
+  RefuseOtherConstruction(&type, kDoc);
+  RefuseOtherCalls(&type, "evaluate", kEvaluateDoc);
+  RefuseOtherCalls(&type, "rollout", kRolloutDoc);
 }
 
 }  // namespace downpour::python

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "engine/errors.h"
+#include "tools/python/calls.h"
 #include "tools/python/interrupt.h"
 
 namespace downpour::python {
@@ -118,19 +119,20 @@ GaussianProcess Fit(py::handle inputs, py::handle targets, py::handle seed, py::
   return gp;
 }
 
-py::tuple Predict(const GaussianProcess& gp, py::handle inputs, bool include_noise,
+py::tuple Predict(const GaussianProcess& gp, py::handle inputs, py::handle include_noise,
                   py::handle n_threads) {
   // Keeps the model for the time of the call.
   const std::shared_ptr<const MultiOutputGp> model = gp.model;
   const py::ssize_t n_outputs = model->n_outputs();
   const Doubles x = ToArray(inputs, "Xq", {{"B"}, {"D", model->n_inputs()}});
+  const bool with_noise = ToFlag(include_noise, "include_noise");
   const int threads = ToThreads(n_threads);
   py::array_t<double> mean({x.shape(0), n_outputs}), var({x.shape(0), n_outputs});
   const std::span<const double> queries = Span(x);
   const std::span<double> means = MutableSpan(&mean), variances = MutableSpan(&var);
   if (!queries.empty()) {
     const py::gil_scoped_release release;
-    model->Predict(queries, include_noise, threads, means, variances);
+    model->Predict(queries, with_noise, threads, means, variances);
   }
   return py::make_tuple(mean, var);
 }
@@ -185,11 +187,15 @@ py::array_t<double> Lengthscales(const GaussianProcess& gp) {
 
 void AddGaussianProcess(py::module_* module) {
   using py::arg;
-  py::class_<GaussianProcess>(*module, "GaussianProcess", kDoc)
-      .def(py::init(&Make), arg("X"), arg("Y"), arg("lengthscales"), arg("signal_std"),
+  py::class_<GaussianProcess> type(*module, "GaussianProcess", kDoc);
+  type.def(py::init(&Make), arg("X"), arg("Y"), arg("lengthscales"), arg("signal_std"),
            arg("noise_std"), arg("tolerance") = 0.02, arg("backend") = "auto", arg("threads") = 2)
       .def_static("fit", &Fit, arg("X"), arg("Y"), arg("seed") = 0, arg("threads") = 2,
                   arg("tolerance") = 0.02, arg("backend") = "auto", kFitDoc)
+      .def_static("fit",
+                  [](const py::args& positional, const py::kwargs& named) {
+                    RefuseCall(kFitDoc, "GaussianProcess.fit", false, positional, named);
+                  })
       .def("predict", &Predict, arg("Xq"), arg("include_noise") = true, arg("threads") = 2,
            kPredictDoc)
       .def_property_readonly("plan", &Plan,
@@ -230,6 +236,8 @@ void AddGaussianProcess(py::module_* module) {
                " D=" + std::to_string(gp.model->n_inputs()) +
                " E=" + std::to_string(gp.model->n_outputs()) + ">";
       });
+  RefuseOtherConstruction(&type, kDoc);
+  RefuseOtherCalls(&type, "predict", kPredictDoc);
 }
 
 }  // namespace downpour::python

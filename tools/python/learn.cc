@@ -10,6 +10,7 @@
 #include "engine/learner/learnt_policy.h"
 #include "tools/downpour/config.h"
 #include "tools/downpour/prior.h"
+#include "tools/python/calls.h"
 #include "tools/python/interrupt.h"
 #include "tools/python/task_arguments.h"
 
@@ -195,6 +196,7 @@ void AddLearn(py::module_* module) {
       .def_readonly("solved", &LearnResult::solved, "Whether an episode solved the task.");
   module->def("learn", &Learn, arg("task"), arg("seed") = 0, arg("episodes") = 15,
               arg("callback") = none, arg("threads") = 0, arg("settings") = none, kDoc);
+  RefuseOtherCalls(module, "learn", kDoc);
 }
 
 }  // namespace downpour::python
