@@ -63,4 +63,14 @@ void CheckHyperparameters(const Hyperparameters& hyperparameters, Eigen::Index n
   CheckRange(hyperparameters.noise_std, "noise_std");
 }
 
+Eigen::MatrixXd MatrixOfRows(std::span<const double> numbers, int n_columns, const char* name) {
+  if (n_columns < 1 || numbers.size() % static_cast<std::size_t>(n_columns) != 0) {
+    throw InvalidInput(std::string(name) + ": " + std::to_string(numbers.size()) +
+                       " numbers, must be rows of " + std::to_string(n_columns));
+  }
+  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  return Eigen::Map<const RowMajor>(
+      numbers.data(), static_cast<Eigen::Index>(numbers.size()) / n_columns, n_columns);
+}
+
 }  // namespace downpour

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <span>
 
 #include "engine/gp/hyperparameters.h"
 
@@ -16,5 +17,9 @@ void CheckTrainingData(const Eigen::Ref<const Eigen::MatrixXd>& inputs,
 // Throws InvalidInput unless there are `n_inputs` lengthscales and each hyper-parameter lies in
 // [1e-150, 1e150], so that its square is an ordinary number. Thread-safe.
 void CheckHyperparameters(const Hyperparameters& hyperparameters, Eigen::Index n_inputs);
+
+// The matrix of row-major numbers with that many columns; no rows of none. Throws InvalidInput,
+// with `name`, unless these are whole rows. Thread-safe, allocates.
+Eigen::MatrixXd MatrixOfRows(std::span<const double> numbers, int n_columns, const char* name);
 
 }  // namespace downpour

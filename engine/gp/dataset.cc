@@ -22,10 +22,8 @@ Dataset MakeDataset(std::span<const double> inputs, int n_inputs, std::span<cons
                        " of targets, must be as many rows of both: of " + std::to_string(n_inputs) +
                        " and " + std::to_string(n_outputs));
   }
-  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-  const auto rows = static_cast<Eigen::Index>(n);
-  Dataset data{Eigen::Map<const RowMajor>(inputs.data(), rows, n_inputs),
-               Eigen::Map<const RowMajor>(targets.data(), rows, n_outputs)};
+  Dataset data{MatrixOfRows(inputs, n_inputs, "inputs"),
+               MatrixOfRows(targets, n_outputs, "targets")};
   CheckTrainingData(data.inputs, data.targets);
   return data;
 }

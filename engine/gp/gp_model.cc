@@ -10,6 +10,7 @@
 
 #include "engine/errors.h"
 #include "engine/gp/checks.h"
+#include "engine/gp/dataset.h"
 #include "engine/gp/triangle.h"
 #include "engine/lapack.h"
 #include "engine/single_threaded_blas.h"
@@ -63,6 +64,13 @@ ExactGp::ExactGp(const Eigen::MatrixXd& inputs, const Eigen::VectorXd& targets,
   SolveAlpha();
 }
 
+ExactGp::ExactGp(const Dataset& data, const Hyperparameters& hyperparameters)
+    : ExactGp(data.inputs, data.targets.col(0), hyperparameters) {}
+
+ExactGp::ExactGp(std::span<const double> inputs, int n_inputs, std::span<const double> targets,
+                 const Hyperparameters& hyperparameters)
+    : ExactGp(MakeDataset(inputs, n_inputs, targets, 1), hyperparameters) {}
+
 void ExactGp::SolveAlpha() {
   alpha_ = targets_;
   const int n = static_cast<int>(targets_.size()), one = 1;
@@ -107,6 +115,19 @@ ExactGp ExactGp::Append(const Eigen::MatrixXd& inputs, const Eigen::VectorXd& ta
   extended.cholesky_ = std::move(l);
   extended.SolveAlpha();
   return extended;
+}
+
+ExactGp ExactGp::Append(std::span<const double> inputs, int n_inputs,
+                        std::span<const double> targets) const {
+  const Dataset data = MakeDataset(inputs, n_inputs, targets, 1);
+  return Append(data.inputs, data.targets.col(0));
+}
+
+void ExactGp::Predict(std::span<const double> input, bool with_noise, double* mean,
+                      double* variance) const {
+  const auto size = static_cast<Eigen::Index>(input.size());
+  Predict(Eigen::Map<const Eigen::VectorXd>(input.data(), size), mean, variance);
+  if (with_noise) *variance += Square(hyperparameters_.noise_std);
 }
 
 // Paper Eq. 5: mean = k^T alpha, variance = sigma_f^2 - |L^-1 k|^2.

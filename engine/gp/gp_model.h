@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <atomic>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "engine/gp/hyperparameters.h"
@@ -22,11 +23,16 @@ class ExactGp {
   // Throws InvalidInput when sigma_f^2 is not enough.
   ExactGp(const Eigen::MatrixXd& inputs, const Eigen::VectorXd& targets,
           const Hyperparameters& hyperparameters);
+  // From row-major numbers: inputs n x n_inputs, targets (n).
+  ExactGp(std::span<const double> inputs, int n_inputs, std::span<const double> targets,
+          const Hyperparameters& hyperparameters);
 
   // This model with further points (k x D) and their targets (k), the hyper-parameters unchanged,
   // in O(n^2 (D + k)) instead of O(n^3): as if constructed from all points, to rounding. Constructs
   // it so where this model has jitter or the further points need some. Throws as the constructor.
   ExactGp Append(const Eigen::MatrixXd& inputs, const Eigen::VectorXd& targets) const;
+  ExactGp Append(std::span<const double> inputs, int n_inputs,
+                 std::span<const double> targets) const;
 
   const Hyperparameters& hyperparameters() const { return hyperparameters_; }
   const Eigen::MatrixXd& inputs() const { return inputs_; }
@@ -37,12 +43,16 @@ class ExactGp {
 
   // Mean and latent variance (>= 0) at one input (D), by a triangular solve. Allocates.
   void Predict(const Eigen::VectorXd& input, double* mean, double* variance) const;
+  // With the noise variance, as of an observation, or without it.
+  void Predict(std::span<const double> input, bool with_noise, double* mean,
+               double* variance) const;
 
   // The posterior for GpQueryTile.
   GpFactor Pack() const;
 
  private:
   ExactGp() = default;
+  ExactGp(const Dataset& data, const Hyperparameters& hyperparameters);
   void SolveAlpha();  // from targets_ and cholesky_, with the likelihood
 
   Hyperparameters hyperparameters_;

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "engine/errors.h"
+#include "engine/gp/checks.h"
 #include "engine/gp/compression.h"
 
 namespace downpour {
@@ -205,6 +206,11 @@ OutputPlan ChoosePlan(const ExactGp& exact, const Eigen::MatrixXd& probes,
   return plan;
 }
 
+OutputPlan ChoosePlan(const ExactGp& exact, std::span<const double> probes, int n_inputs,
+                      const QueryPlanOptions& options) {
+  return ChoosePlan(exact, MatrixOfRows(probes, n_inputs, "probes"), options);
+}
+
 PlanErrors MeasurePlan(const OutputPlan& plan, const GpFactor& exact,
                        const Eigen::MatrixXd& inputs) {
   const Tiles tiles(inputs, exact.dim, static_cast<int>(inputs.rows()));
@@ -212,6 +218,11 @@ PlanErrors MeasurePlan(const OutputPlan& plan, const GpFactor& exact,
   const Answers answers = Ask(exact, tiles);
   return std::visit([&](const auto& f) { return Compare(f, tiles, answers, unlimited); },
                     plan.factor);
+}
+
+PlanErrors MeasurePlan(const OutputPlan& plan, const GpFactor& exact,
+                       std::span<const double> inputs, int n_inputs) {
+  return MeasurePlan(plan, exact, MatrixOfRows(inputs, n_inputs, "inputs"));
 }
 
 }  // namespace downpour

@@ -79,11 +79,16 @@ double QueryCost(int points, int dim, bool single_precision);
 // Deterministic, thread-safe, allocates; O(n^3) and some 10 ms an output at n = 320.
 OutputPlan ChoosePlan(const ExactGp& exact, const Eigen::MatrixXd& probes,
                       const QueryPlanOptions& options);
+// Of row-major probes with n_inputs columns.
+OutputPlan ChoosePlan(const ExactGp& exact, std::span<const double> probes, int n_inputs,
+                      const QueryPlanOptions& options);
 
 // Worst errors of a plan's factor on `inputs` (rows x D), all of them; `exact` is ExactGp::Pack()
 // of the model. For the check during a search: where they are above the tolerances, choose again
 // with these inputs among the probes. Throws as ChoosePlan. Thread-safe, allocates scratch only.
 PlanErrors MeasurePlan(const OutputPlan& plan, const GpFactor& exact,
                        const Eigen::MatrixXd& inputs);
+PlanErrors MeasurePlan(const OutputPlan& plan, const GpFactor& exact,
+                       std::span<const double> inputs, int n_inputs);
 
 }  // namespace downpour

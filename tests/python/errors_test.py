@@ -92,7 +92,8 @@ TABLE = [
     (lambda: GP.predict(with_nan(X)), ValueError, "Xq: nan at [1, 1], must be finite"),
     # Calls that do not fit.
     (lambda: dp.GaussianProcess(X, Y), TypeError,
-     "GaussianProcess: argument lengthscales is missing; the arguments are X, Y, lengthscales, signal_std, noise_std, tolerance, backend, threads"),
+     "GaussianProcess: argument lengthscales is missing; the arguments are X, Y, lengthscales, "
+     "signal_std, noise_std, tolerance, backend, threads"),
     (lambda: gp(noise=1), TypeError, "GaussianProcess: unknown argument noise; the arguments are"),
     (lambda: dp.GaussianProcess.fit(X), TypeError, "GaussianProcess.fit: argument Y is missing"),
     (lambda: GP.predict(X, True, 2, 3), TypeError, "GaussianProcess.predict: 4 positional"),

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "engine/errors.h"
+#include "engine/gp/dataset.h"
 #include "tools/python/calls.h"
 #include "tools/python/interrupt.h"
 
@@ -71,13 +72,11 @@ std::vector<Hyperparameters> ToHyperparameters(py::handle lengthscales, py::hand
 }
 
 Dataset ToDataset(py::handle inputs, py::handle targets) {
-  using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   const Doubles x = ToArray(inputs, "X", {{"n"}, {"D"}});
   if (x.size() == 0) throw py::value_error("X: empty, must have n, D >= 1");
   const Doubles y = ToArray(targets, "Y", {{"n", x.shape(0)}, {"E"}});
   if (y.size() == 0) throw py::value_error("Y: empty, must have E >= 1");
-  return {Eigen::Map<const RowMajor>(x.data(), x.shape(0), x.shape(1)),
-          Eigen::Map<const RowMajor>(y.data(), y.shape(0), y.shape(1))};
+  return MakeDataset(Span(x), static_cast<int>(x.shape(1)), Span(y), static_cast<int>(y.shape(1)));
 }
 
 QueryPlanOptions ToPlanOptions(py::handle tolerance, py::handle backend) {
