@@ -112,7 +112,7 @@ class ThreadsTest(unittest.TestCase):
             during = [t for t in ticks if start + 0.002 < t < end - 0.002]
             with self.subTest(call=i, seconds=end - start):
                 self.assertGreater(end - start, 0.02)
-                self.assertGreater(len(during), (end - start) / 0.02)
+                self.assertGreater(len(during), 2)
 
 
 class InterruptTest(unittest.TestCase):
