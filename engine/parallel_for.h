@@ -27,10 +27,10 @@ void ParallelFor(int n, int threads, const Body& body,
     }
   };
   if (assignment == Assignment::kFixed) {
-#pragma omp parallel for schedule(static, 1) num_threads(threads)
+#pragma omp parallel for schedule(static, 1) num_threads(threads) if (n > 1)
     for (int i = 0; i < n; ++i) call(i);
   } else {
-#pragma omp parallel for schedule(dynamic) num_threads(threads)
+#pragma omp parallel for schedule(dynamic) num_threads(threads) if (n > 1)
     for (int i = 0; i < n; ++i) call(i);
   }
   for (const std::exception_ptr& error : errors) {

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #pragma once
 
+#include <span>
+
+#include "kernels/box/box.h"
+
 namespace downpour {
 
 // Smooth map from the real line onto [lower, upper], so that an unbounded search respects bounds:
@@ -14,19 +18,16 @@ class BoxTransform {
 
   // Image of a finite x, in [lower, upper].
   double ToBox(double x) const {
-    return x >= identity_from_ && x <= identity_to_ ? x : ToBoxAtBounds(x);
+    MapToBox(map_, 1, &x);
+    return x;
   }
+  // Images of finite numbers, in their place.
+  void ToBox(std::span<double> values) const { MapToBox(map_, values.size(), values.data()); }
   // The preimage in [lower - a, upper + a] of y in [lower, upper].
   double FromBox(double y) const;
 
  private:
-  double ToBoxAtBounds(double x) const;
-  // The number in [lower - a, upper + a] that x is mirrored to.
-  double Mirrored(double x) const;
-
-  double lower_, upper_;
-  double lower_margin_, upper_margin_;  // a: half-widths of the quadratic pieces
-  double identity_from_, identity_to_;  // lower + a, upper - a
+  BoxMap map_;
 };
 
 }  // namespace downpour

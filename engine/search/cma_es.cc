@@ -128,10 +128,8 @@ CmaEs CmaEs::Restore(std::span<const double> state, const CmaEsTolerances& toler
 }
 
 void CmaEs::Ask(StreamKey key, std::span<double> candidates) {
-  for (int c = 0; c < population_; ++c) {
-    FillNormals(key, static_cast<std::uint32_t>(c), z_.col(c).data(),
-                static_cast<std::size_t>(dimension_));  // Eq. 38
-  }
+  FillNormalColumns(key, 0, static_cast<std::uint32_t>(population_), z_.data(),
+                    static_cast<std::size_t>(dimension_));  // Eq. 38
   std::visit([&](const auto& covariance) { covariance.Transform(z_, &y_); },
              covariance_);  // Eq. 39
   Eigen::Map<Eigen::MatrixXd> x(candidates.data(), dimension_, population_);

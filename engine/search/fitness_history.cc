@@ -54,12 +54,22 @@ bool FitnessHistory::IsStagnant() {
   const int window = std::clamp(generations / 5, long_window_, kMaxWindow);
   if (generations < window) return false;
   const int part = 3 * window / 10;
-  for (const std::vector<double>* history : {&best_, &median_}) {
-    const double* end = history->data() + generations;
-    const double newest = MedianOf(end - part, part, scratch_);
-    if (newest < MedianOf(end - window, part, scratch_)) return false;
+  for (const bool best : {true, false}) {
+    const double* const end = (best ? best_ : median_).data() + generations;
+    if (MedianIsLess(end - part, end - window, part, &between_[best])) return false;
   }
   return true;
+}
+
+bool FitnessHistory::MedianIsLess(const double* a, const double* b, int n, double* between) {
+  // More than half of the numbers below some value: the median is, too.
+  const auto median_is_below = [n](const double* first, double value) {
+    return std::count_if(first, first + n, [value](double x) { return x < value; }) > n / 2;
+  };
+  const bool a_is_below = median_is_below(a, *between), b_is_below = median_is_below(b, *between);
+  if (a_is_below != b_is_below) return a_is_below;
+  *between = MedianOf(b, n, scratch_);
+  return median_is_below(a, *between);
 }
 
 }  // namespace downpour

@@ -34,12 +34,18 @@ class FitnessHistory {
   }
 
  private:
+  // Whether the median of n numbers at `a` is less than that at `b`. Selecting a median takes long:
+  // *between, any number, is tried as one that separates the two, and replaced if it does not.
+  bool MedianIsLess(const double* a, const double* b, int n, double* between);
+
   int short_window_;
   int long_window_;
   std::vector<double> best_;
   std::vector<double> median_;
   double last_worst_ = 0;
   std::vector<double> scratch_;
+  // Costs that lay between the medians IsStagnant compared last, of best_ and of median_.
+  double between_[2] = {0, 0};
 };
 
 }  // namespace downpour

@@ -32,9 +32,9 @@ FullCovariance::FullCovariance(const StrategyParameters& parameters, int dimensi
       factor_(covariance_),
       axes_(covariance_),
       lengths_(Eigen::VectorXd::Ones(dimension)),
-      steps_(dimension, population + 1),
-      weighted_(dimension, population + 1),
-      new_factor_(dimension, dimension) {
+      waiting_weights_(Eigen::VectorXd::Zero(kMostWaiting * (population + 1))),
+      waiting_(Eigen::MatrixXd::Zero(dimension, kMostWaiting * (population + 1))),
+      new_factor_(Eigen::MatrixXd::Zero(dimension, dimension)) {
   const char jobz = 'V', uplo = 'L';
   const int query = -1;
   double work_size = 0;
@@ -51,28 +51,39 @@ void FullCovariance::Transform(const Eigen::MatrixXd& z, Eigen::MatrixXd* y) con
   TriangularProduct(dimension_, population_, factor_.data(), z.data(), y->data());
 }
 
-void FullCovariance::AddSteps(const CovarianceUpdate& update, const Eigen::MatrixXd& steps,
-                              const Eigen::VectorXd& path, Eigen::MatrixXd* matrix) {
+void FullCovariance::Append(const CovarianceUpdate& update, const Eigen::MatrixXd& steps,
+                            const Eigen::VectorXd& path) {
   // Eq. 47. Column 0 is the rank-one term.
   const StrategyParameters& p = update.parameters;
-  steps_.col(0) = path;
-  weighted_.col(0) = p.c_1 * path;
+  waiting_decay_ *= update.decay;
+  waiting_weights_.head(n_waiting_ * (population_ + 1)) *= update.decay;
+  const Eigen::Index first = Eigen::Index{n_waiting_} * (population_ + 1);
+  waiting_.col(first) = path;
+  waiting_weights_[first] = p.c_1;
   for (int i = 0; i < population_; ++i) {
-    const auto step = steps.col(update.ranking[i]);
-    steps_.col(i + 1) = step;
-    weighted_.col(i + 1) = (p.c_mu * ScaledWeight(update, i)) * step;
+    waiting_.col(first + 1 + i) = steps.col(update.ranking[i]);
+    waiting_weights_[first + 1 + i] = p.c_mu * ScaledWeight(update, i);
   }
-  SymmetricProduct(dimension_, population_ + 1, update.decay, steps_.data(), weighted_.data(),
-                   matrix->data());
+  ++n_waiting_;
+}
+
+void FullCovariance::AddWaiting(Eigen::MatrixXd* matrix) {
+  SymmetricProduct(dimension_, n_waiting_ * (population_ + 1), waiting_decay_,
+                   waiting_weights_.data(), waiting_.data(), matrix->data());
+  n_waiting_ = 0;
+  waiting_decay_ = 1;
 }
 
 void FullCovariance::Update(const CovarianceUpdate& update) {
-  AddSteps(update, update.y, update.path_c, &covariance_);
-  if (update.generation - factor_generation_ >= factor_interval_) {
+  Append(update, update.y, update.path_c);
+  const bool new_factor = update.generation - factor_generation_ >= factor_interval_;
+  const bool new_axes = update.generation - axes_generation_ >= axes_interval_;
+  if (new_factor || new_axes || n_waiting_ == kMostWaiting) AddWaiting(&covariance_);
+  if (new_factor) {
     factor_generation_ = update.generation;
     Factorise();
   }
-  if (update.generation - axes_generation_ >= axes_interval_) {
+  if (new_axes) {
     axes_generation_ = update.generation;
     FindAxes();
   }
@@ -83,15 +94,16 @@ void FullCovariance::AdaptedUpdate(const CovarianceUpdate& update, double old_si
   const double growth = (*sigma / old_sigma) * (*sigma / old_sigma);
   // In the coordinates of L^(-1) the old C is I and the steps are z.
   Eigen::MatrixXd change = Eigen::MatrixXd::Identity(dimension_, dimension_);
-  const Eigen::VectorXd path = factor_.triangularView<Eigen::Lower>().solve(update.path_c);
-  AddSteps(update, update.z, path, &change);
+  Append(update, update.z, factor_.triangularView<Eigen::Lower>().solve(update.path_c));
+  AddWaiting(&change);
   change = (growth * change.selfadjointView<Eigen::Lower>().toDenseMatrix() -
             Eigen::MatrixXd::Identity(dimension_, dimension_)) /
            std::sqrt(2.0);
   const double eta = rate->Adapt({change.data(), static_cast<std::size_t>(change.size())});
 
   const Eigen::MatrixXd old = covariance_;
-  AddSteps(update, update.y, update.path_c, &covariance_);
+  Append(update, update.y, update.path_c);
+  AddWaiting(&covariance_);
   covariance_ = (1 - eta) * old + (eta * growth) * covariance_;
   factor_generation_ = update.generation;
   Factorise();
@@ -111,14 +123,16 @@ void FullCovariance::Factorise() {
   const SingleThreadedBlas single_threaded;
   const char uplo = 'L';
   int info = 0;
-  new_factor_ = covariance_;
+  for (int i = 0; i < dimension_; ++i) {  // what is above the diagonal stays zero
+    std::copy_n(&covariance_(i, i), dimension_ - i, &new_factor_(i, i));
+  }
   dpotrf_(&uplo, &dimension_, new_factor_.data(), &dimension_, &info);
   // A matrix that is no longer positive definite ends the run as ConditionCov.
   if (info != 0) {
     condition_ = std::numeric_limits<double>::infinity();
     return;
   }
-  factor_.triangularView<Eigen::Lower>() = new_factor_;
+  factor_.swap(new_factor_);
 }
 
 void FullCovariance::FindAxes() {

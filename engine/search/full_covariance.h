@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -12,7 +13,8 @@ namespace downpour {
 
 // The whole covariance matrix C of CMA-ES (Hansen, arXiv 1604.00772), sampled by its Cholesky
 // factor, which is formed anew when C has changed enough, in every generation if rates are adapted;
-// principal axes serve the stopping criteria alone and follow C more slowly. 4 P^2 numbers. Not
+// principal axes serve the stopping criteria alone and follow C more slowly. The steps of up to 8
+// generations wait until they are added to C together. 4 P^2 numbers, and 8 P lambda. Not
 // thread-safe.
 class FullCovariance {
  public:
@@ -28,6 +30,7 @@ class FullCovariance {
   // Numbers that `rate` above averages.
   static Eigen::Index ChangeSize(int dimension) { return Eigen::Index{dimension} * dimension; }
 
+  // By the C of at most 7 generations ago.
   double CoordinateStd(int i) const { return std::sqrt(covariance_(i, i)); }
   double LargestStd() const { return lengths_.maxCoeff(); }
   double condition() const { return condition_; }
@@ -43,14 +46,23 @@ class FullCovariance {
     archive(factor_);
     archive(axes_);
     archive(lengths_);
+    archive(n_waiting_);
+    n_waiting_ = std::clamp(n_waiting_, 0, kMostWaiting - 1);
+    archive(waiting_decay_);
+    archive(waiting_weights_);
+    archive(waiting_);
   }
 
  private:
+  static constexpr int kMostWaiting = 8;
+
   void Factorise();
   void FindAxes();
-  // matrix = decay matrix + sum w y y^T + c_1 path path^T over the columns `steps`, lower triangle.
-  void AddSteps(const CovarianceUpdate& update, const Eigen::MatrixXd& steps,
-                const Eigen::VectorXd& path, Eigen::MatrixXd* matrix);
+  // The columns `steps` and the path wait with their weights in Eq. 47.
+  void Append(const CovarianceUpdate& update, const Eigen::MatrixXd& steps,
+              const Eigen::VectorXd& path);
+  // Adds all that waits to the lower triangle of a matrix.
+  void AddWaiting(Eigen::MatrixXd* matrix);
 
   int dimension_, population_;
   int factor_interval_, axes_interval_;  // generations
@@ -60,8 +72,13 @@ class FullCovariance {
   Eigen::MatrixXd factor_;      // L as of factor_generation_, zeros above the diagonal
   Eigen::MatrixXd axes_;        // B, columns are eigenvectors of C as of axes_generation_
   Eigen::VectorXd lengths_;     // D, square roots of the eigenvalues
+  // Generations that C lacks: it is to be multiplied by the decay, and columns w y y^T (P x
+  // 8 (lambda + 1)) are to be added.
+  int n_waiting_ = 0;
+  double waiting_decay_ = 1;
+  Eigen::VectorXd waiting_weights_;
+  Eigen::MatrixXd waiting_;
   // Scratch.
-  Eigen::MatrixXd steps_, weighted_;  // (P x (lambda + 1)) the path and the steps of the update
   Eigen::MatrixXd new_factor_;
   std::vector<double> work_;
   std::vector<int> integer_work_;

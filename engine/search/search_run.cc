@@ -60,7 +60,7 @@ SearchRun::SearchRun(const PolicySearchOptions& options, const RunPlan& plan,
 
 std::vector<double> SearchRun::Mean() const {
   std::vector<double> mean(cma_.mean().begin(), cma_.mean().end());
-  for (double& value : mean) value = box_.ToBox(value);
+  box_.ToBox(mean);
   return mean;
 }
 
@@ -114,7 +114,7 @@ void SearchRun::Ask(SearchBatch* batch) {
   const std::span<double> candidates(first, population * dimension);
   cma_.Ask(DeriveKey(seed_, StreamPurpose::kSearchSampling, {episode_, run, generation}),
            candidates);
-  for (double& value : candidates) value = box_.ToBox(value);
+  box_.ToBox(candidates);
   std::copy_n(first, reevaluated_.size() * dimension, first + candidates.size());
   const auto keys = std::span(batch->keys).subspan(first_candidate_, n_candidates());
   FillRolloutKeys(StreamPurpose::kRollout, keys.first(population));

@@ -70,25 +70,28 @@ struct Operand {
   std::ptrdiff_t step, column;
 };
 
-// out = decay out + sum over k < n_terms of a[k] b[k], where a[k] is the column at a + k n and
-// `columns` <= kColumns of the block exist. Without decay, `out` is not read.
-template <bool kDecay>
+// out = sum over k < n_terms of a[k] b[k], where a[k] is the column at a + k n and `columns` <=
+// kColumns of the block exist; kUpdate: out = decay out + sum of weights[k] a[k] b[k].
+template <bool kUpdate>
 HWY_INLINE void UpdateBlock(std::ptrdiff_t n, const Rows& rows, int columns, double decay,
-                            std::ptrdiff_t n_terms, const double* a, const Operand& b,
-                            double* out) {
+                            std::ptrdiff_t n_terms, const double* weights, const double* a,
+                            const Operand& b, double* out) {
   const D d;
   V sum[kVectors][kColumns];
   std::ptrdiff_t at[kColumns];  // columns that do not exist repeat the last
   for (int j = 0; j < kColumns; ++j) at[j] = std::min(j, columns - 1);
   for (int v = 0; v < kVectors; ++v) {
     for (int j = 0; j < kColumns; ++j) {
-      sum[v][j] = kDecay ? hn::Mul(hn::Set(d, decay), rows.Load(v, out + at[j] * n)) : hn::Zero(d);
+      sum[v][j] = kUpdate ? hn::Mul(hn::Set(d, decay), rows.Load(v, out + at[j] * n)) : hn::Zero(d);
     }
   }
   for (int j = 0; j < kColumns; ++j) at[j] *= b.column;
   for (std::ptrdiff_t k = 0; k < n_terms; ++k) {
     V left[kVectors];
-    for (int v = 0; v < kVectors; ++v) left[v] = rows.Load(v, a + k * n);
+    for (int v = 0; v < kVectors; ++v) {
+      left[v] = rows.Load(v, a + k * n);
+      if constexpr (kUpdate) left[v] = hn::Mul(left[v], hn::Set(d, weights[k]));
+    }
     for (int j = 0; j < kColumns; ++j) {
       const V right = hn::Set(d, b.first[k * b.step + at[j]]);
       for (int v = 0; v < kVectors; ++v) sum[v][j] = hn::MulAdd(left[v], right, sum[v][j]);
@@ -107,20 +110,20 @@ void Triangular(int size, int m, const double* l, const double* z, double* y) {
     // Beyond the block's last row L is zero.
     const std::ptrdiff_t n_terms = std::min(row + height, n);
     for (int column = 0; column < m; column += kColumns) {
-      UpdateBlock<false>(n, rows, std::min(kColumns, m - column), 0, n_terms, l + row,
+      UpdateBlock<false>(n, rows, std::min(kColumns, m - column), 0, n_terms, nullptr, l + row,
                          {z + column * n, 1, n}, y + row + column * n);
     }
   }
 }
 
-void Symmetric(int size, int k, double decay, const double* a, const double* b, double* c) {
+void Symmetric(int size, int k, double decay, const double* weights, const double* a, double* c) {
   const std::ptrdiff_t n = size, height = kVectors * hn::Lanes(D());
   for (std::ptrdiff_t row = 0; row < n; row += height) {
     const Rows rows(n - row);
     const auto end = static_cast<int>(std::min(row + height, n));
     for (int column = 0; column < end; column += kColumns) {
-      UpdateBlock<true>(n, rows, std::min(kColumns, end - column), decay, k, a + row,
-                        {b + column, n, 1}, c + row + column * n);
+      UpdateBlock<true>(n, rows, std::min(kColumns, end - column), decay, k, weights, a + row,
+                        {a + column, n, 1}, c + row + column * n);
     }
   }
 }
@@ -139,8 +142,9 @@ void TriangularProduct(int n, int m, const double* l, const double* z, double* y
   HWY_DYNAMIC_DISPATCH(Triangular)(n, m, l, z, y);
 }
 
-void SymmetricProduct(int n, int k, double decay, const double* a, const double* b, double* c) {
-  HWY_DYNAMIC_DISPATCH(Symmetric)(n, k, decay, a, b, c);
+void SymmetricProduct(int n, int k, double decay, const double* weights, const double* a,
+                      double* c) {
+  HWY_DYNAMIC_DISPATCH(Symmetric)(n, k, decay, weights, a, c);
 }
 
 }  // namespace downpour

@@ -20,14 +20,14 @@ inline long double TriangularProductReference(int n, const double* l, const doub
   return sum;
 }
 
-inline long double SymmetricProductReference(int n, int k, double decay, const double* a,
-                                             const double* b, double c, int row, int column,
+inline long double SymmetricProductReference(int n, int k, double decay, const double* weights,
+                                             const double* a, double c, int row, int column,
                                              long double* size) {
   long double sum = static_cast<long double>(decay) * c;
   *size = sum < 0 ? -sum : sum;
   for (int i = 0; i < k; ++i) {
-    const long double term = static_cast<long double>(a[row + std::ptrdiff_t{i} * n]) *
-                             b[column + std::ptrdiff_t{i} * n];
+    const long double term = static_cast<long double>(weights[i]) * a[row + std::ptrdiff_t{i} * n] *
+                             a[column + std::ptrdiff_t{i} * n];
     sum += term;
     *size += term < 0 ? -term : term;
   }

@@ -39,18 +39,45 @@ HWY_INLINE VU WideningMultiply(VU a, std::uint32_t b) {
 #endif
 }
 
-// Only the low halves of the words are read, and right: nothing carries into them.
-HWY_INLINE Words Rounds(Words x, VU key0, VU key1) {
-  const DU du;
-  for (int round = 0; round < 10; ++round) {
-    const VU p0 = WideningMultiply(x.w0, kPhiloxMultiplier0);
-    const VU p1 = WideningMultiply(x.w2, kPhiloxMultiplier1);
-    x = {hn::Xor3(hn::ShiftRight<32>(p1), x.w1, key0), p1,
-         hn::Xor3(hn::ShiftRight<32>(p0), x.w3, key1), p0};
-    key0 = hn::Add(key0, hn::Set(du, kPhiloxWeyl0));
-    key1 = hn::Add(key1, hn::Set(du, kPhiloxWeyl1));
+constexpr int kRounds = 10;
+
+// Keys of the rounds of one stream, which every lane shares.
+class SharedKeys {
+ public:
+  explicit SharedKeys(StreamKey key) {
+    for (int round = 0; round < kRounds; ++round) {
+      words_[round][0] = key.word0 + std::uint64_t{kPhiloxWeyl0} * round;
+      words_[round][1] = key.word1 + std::uint64_t{kPhiloxWeyl1} * round;
+    }
   }
-  return x;
+  VU Get(int round, int word) const { return hn::Set(DU(), words_[round][word]); }
+
+ private:
+  std::uint64_t words_[kRounds][2];
+};
+
+// Those of a stream a lane.
+struct LaneKeys {
+  VU Get(int round, int word) const {
+    const std::uint64_t weyl = word == 0 ? kPhiloxWeyl0 : kPhiloxWeyl1;
+    return hn::Add(words[word], hn::Set(DU(), weyl * round));
+  }
+
+  VU words[2];
+};
+
+// Only the low halves of the words are read, and right: nothing carries into them.
+template <class Keys, std::size_t kVectors>
+HWY_INLINE void Rounds(const Keys& keys, Words (&x)[kVectors]) {
+  for (int round = 0; round < kRounds; ++round) {
+    const VU key0 = keys.Get(round, 0), key1 = keys.Get(round, 1);
+    for (Words& w : x) {
+      const VU p0 = WideningMultiply(w.w0, kPhiloxMultiplier0);
+      const VU p1 = WideningMultiply(w.w2, kPhiloxMultiplier1);
+      w = {hn::Xor3(hn::ShiftRight<32>(p1), w.w1, key0), p1,
+           hn::Xor3(hn::ShiftRight<32>(p0), w.w3, key1), p0};
+    }
+  }
 }
 
 // 52 random bits as the mantissa of a number in [1, 2), less 1.
@@ -66,44 +93,72 @@ struct Pair {
   VF first, second;
 };
 
-HWY_INLINE Pair Uniforms(const Words& counter, VU key0, VU key1) {
-  const Words r = Rounds(counter, key0, key1);
-  return {Uniform(r.w0, r.w1), Uniform(r.w2, r.w3)};
+HWY_INLINE Pair Uniforms(const Words& bits) {
+  return {Uniform(bits.w0, bits.w1), Uniform(bits.w2, bits.w3)};
 }
 
-HWY_INLINE Pair Normals(const Words& counter, VU key0, VU key1) {
+HWY_INLINE Pair Normals(const Words& bits) {
   const DF df;
-  const Pair u = Uniforms(counter, key0, key1);
-  const VF log_u1 = LogOfUniform(df, hn::Sub(hn::Set(df, 1.0), u.first));
+  const auto [u1, u2] = Uniforms(bits);
+  const VF log_u1 = LogOfUniform(df, hn::Sub(hn::Set(df, 1.0), u1));
   const VF radius = hn::Sqrt(hn::Mul(hn::Set(df, -2.0), log_u1));
   VF cosine, sine;
-  CosSinOfTurns(df, u.second, &cosine, &sine);
+  CosSinOfTurns(df, u2, &cosine, &sine);
   return {hn::Mul(radius, cosine), hn::Mul(radius, sine)};
 }
 
-template <Pair (*kDraw)(const Words&, VU, VU)>
-HWY_INLINE void Fill(StreamKey key, std::uint32_t counter1, double* out, std::size_t n) {
+// Blocks [first, first + Lanes) of a column.
+struct BlockVector {
+  std::uint32_t column;
+  std::size_t first;
+};
+
+// Column c of `out` (n x columns) from the blocks with counter1 + c. Vectors of blocks take turns,
+// as the rounds of one wait for each other.
+template <Pair (*kDraw)(const Words&)>
+HWY_INLINE void Fill(StreamKey key, std::uint32_t counter1, std::uint32_t columns, double* out,
+                     std::size_t n) {
   const DF df;
   const DU du;
+  constexpr std::size_t kVectors = 4;
   const std::size_t lanes = hn::Lanes(df);
-  HWY_ALIGN double buffer[2 * hn::MaxLanes(DF())];
-  const VU key0 = hn::Set(du, key.word0);
-  const VU key1 = hn::Set(du, key.word1);
+  const std::size_t per_column = (n + 2 * lanes - 1) / (2 * lanes);
+  const SharedKeys keys(key);
   const VU lane = hn::Iota(du, 0);  // with a variable start it would go through memory
-  for (std::size_t done = 0; done < n; done += 2 * lanes) {
-    const VU block = hn::Add(lane, hn::Set(du, done / 2));
-    const Pair pair = kDraw({block, hn::Set(du, counter1), hn::Zero(du), hn::Zero(du)}, key0, key1);
-    hn::StoreInterleaved2(pair.first, pair.second, df, buffer);
-    std::copy_n(buffer, std::min(2 * lanes, n - done), out + done);
+  BlockVector next{0, 0};
+  for (std::size_t left = per_column * columns; left > 0; left -= std::min(left, kVectors)) {
+    BlockVector at[kVectors];
+    Words x[kVectors];
+    for (std::size_t v = 0; v < kVectors; ++v) {
+      at[v] = next;
+      x[v] = {hn::Add(lane, hn::Set(du, next.first)), hn::Set(du, counter1 + next.column),
+              hn::Zero(du), hn::Zero(du)};
+      next.first += lanes;
+      if (2 * next.first >= n) next = {next.column + 1, 0};
+    }
+    Rounds(keys, x);
+    for (std::size_t v = 0; v < std::min(left, kVectors); ++v) {
+      const Pair pair = kDraw(x[v]);
+      double* const to = out + at[v].column * n + 2 * at[v].first;
+      const std::size_t room = n - 2 * at[v].first;
+      if (room >= 2 * lanes) {
+        hn::StoreInterleaved2(pair.first, pair.second, df, to);
+      } else {
+        HWY_ALIGN double buffer[2 * hn::MaxLanes(DF())];
+        hn::StoreInterleaved2(pair.first, pair.second, df, buffer);
+        std::copy_n(buffer, room, to);
+      }
+    }
   }
 }
 
-void FillNormalsTarget(StreamKey key, std::uint32_t counter1, double* out, std::size_t n) {
-  Fill<Normals>(key, counter1, out, n);
+void FillNormalsTarget(StreamKey key, std::uint32_t counter1, std::uint32_t columns, double* out,
+                       std::size_t n) {
+  Fill<Normals>(key, counter1, columns, out, n);
 }
 
 void FillUniformsTarget(StreamKey key, std::uint32_t counter1, double* out, std::size_t n) {
-  Fill<Uniforms>(key, counter1, out, n);
+  Fill<Uniforms>(key, counter1, 1, out, n);
 }
 
 void NormalTileTarget(int n_lanes, const std::uint32_t* keys0, const std::uint32_t* keys1,
@@ -113,12 +168,14 @@ void NormalTileTarget(int n_lanes, const std::uint32_t* keys0, const std::uint32
   const DU du;
   const hn::Rebind<std::uint32_t, DU> du32;
   for (int lane = 0; lane < n_lanes; lane += static_cast<int>(hn::Lanes(df))) {
-    const VU key0 = hn::PromoteTo(du, hn::LoadU(du32, keys0 + lane));
-    const VU key1 = hn::PromoteTo(du, hn::LoadU(du32, keys1 + lane));
+    const LaneKeys keys{{hn::PromoteTo(du, hn::LoadU(du32, keys0 + lane)),
+                         hn::PromoteTo(du, hn::LoadU(du32, keys1 + lane))}};
     const VU rollout = hn::PromoteTo(du, hn::LoadU(du32, rollouts + lane));
     for (int v = 0; v < n_variables; v += 2) {
       const VU block = hn::Set(du, static_cast<std::uint64_t>(v / 2));
-      const Pair z = Normals({block, hn::Set(du, step), rollout, hn::Zero(du)}, key0, key1);
+      Words x[1] = {{block, hn::Set(du, step), rollout, hn::Zero(du)}};
+      Rounds(keys, x);
+      const Pair z = Normals(x[0]);
       hn::Store(z.first, df, out + v * kTileLanes + lane);
       if (v + 1 < n_variables) hn::Store(z.second, df, out + (v + 1) * kTileLanes + lane);
     }
@@ -172,7 +229,12 @@ void DeriveKeys(std::uint64_t seed, StreamPurpose purpose,
 }
 
 void FillNormals(StreamKey key, std::uint32_t counter1, double* out, std::size_t n) {
-  HWY_DYNAMIC_DISPATCH(FillNormalsTarget)(key, counter1, out, n);
+  HWY_DYNAMIC_DISPATCH(FillNormalsTarget)(key, counter1, 1, out, n);
+}
+
+void FillNormalColumns(StreamKey key, std::uint32_t counter1, std::uint32_t columns, double* out,
+                       std::size_t n) {
+  HWY_DYNAMIC_DISPATCH(FillNormalsTarget)(key, counter1, columns, out, n);
 }
 
 void FillUniforms(StreamKey key, std::uint32_t counter1, double* out, std::size_t n) {

@@ -74,6 +74,24 @@ TEST_CASE("philox: normals match the long-double twin for every length and targe
   });
 }
 
+TEST_CASE("philox: columns are the bits of one stream a column, for every size and target") {
+  ForEachTarget([](const char* target) {
+    CAPTURE(target);
+    const StreamKey key{3, 4};
+    for (const std::uint32_t columns : {0, 1, 2, 3, 4, 5, 16}) {
+      for (const std::size_t n : {1, 2, 7, 16, 17, 32, 33, 71}) {
+        std::vector<double> out(n * columns + 1, -7.0), column(n);
+        FillNormalColumns(key, 5, columns, out.data(), n);
+        for (std::uint32_t c = 0; c < columns; ++c) {
+          FillNormals(key, 5 + c, column.data(), n);
+          CHECK(std::equal(column.begin(), column.end(), out.data() + c * n));
+        }
+        CHECK(out[n * columns] == -7.0);
+      }
+    }
+  });
+}
+
 TEST_CASE("philox: a tile's normals are keyed by lane, rollout and step alone") {
   ForEachTarget([](const char* target) {
     CAPTURE(target);
