@@ -137,6 +137,8 @@ int Main(int argc, char** argv) {
   app.add_option("--repetitions", settings.repetitions)->check(CLI::Range(1, 1000));
   app.add_option("--population", settings.search.population)->check(CLI::Range(2, 100000));
   app.add_option("--concurrent", settings.search.concurrent)->check(CLI::Range(1, 1024));
+  app.add_option("--exploration", settings.search.exploration);
+  app.add_option("--promotions", settings.search.promotions);
   app.add_option("--evaluations", settings.search.evaluations, "rollouts");
   CLI11_PARSE(app, argc, argv);
 
