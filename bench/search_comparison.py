@@ -38,6 +38,7 @@ def tables(task):
     usual = {"cartpole": 0.5, "pendulum": 1}[task]  # first_sigma before this study
     best = {"cartpole": 0.25, "pendulum": 1}[task]
     population = {"cartpole": 32, "pendulum": 24}[task]
+    fixed, sigma = {"cartpole": (32, 0.5), "pendulum": (16, 1)}[task]
     sigmas = [0.1, 0.25, 0.5, 1, 2.5, 5]
     restarts = ["single", "ipop", "bipop", "small"]
     one = {"exploration": 1, "concurrent": 1}
@@ -75,6 +76,15 @@ def tables(task):
                     "first-sigma": best, "common-random-numbers": "generation", **row}
                    for row in product(concurrent=[4, 8], population=[twice])
                    + product(concurrent=[8], population=[16])],
+        # The default and its neighbours: runs side by side, share of exploration, promotions; and the
+        # best fixed setting of either task.
+        "halving": [{"common-random-numbers": "generation", "concurrent": concurrent,
+                     "exploration": exploration, "promotions": promotions}
+                    for concurrent, exploration, promotions in
+                    [(8, 0.3, 3), (8, 0.15, 3), (6, 0.3, 3), (5, 0.2, 2), (5, 0.15, 2),
+                     (4, 0.3, 3), (4, 0.2, 2), (4, 0.15, 2)]]
+                   + [{**one, "restarts": "small", "population": fixed, "start": "uniform",
+                       "first-sigma": sigma, "restart-sigma": sigma, "restart-decades": 0}],
         # Who gets the budget: so many runs side by side, some of them from the last policy, and
         # successive halving or not.
         "allocation": [{**all_alike, **row} for row in
