@@ -180,7 +180,8 @@ PlannedModel LearnModel(const Task& task, const LearnerOptions& options, const L
 // Checks the plans on inputs that a sample of the batch's candidates meets, and goes on with
 // stricter ones where they fail.
 void CheckPlans(const Task& task, const CandidateBatch& batch, int n_parameters,
-                Evaluator* evaluator, PlannedModel* model, EpisodeRecord* record) {
+                RolloutHelpers* helpers, Evaluator* evaluator, PlannedModel* model,
+                EpisodeRecord* record) {
   std::vector<double> parameters;
   std::vector<StreamKey> keys;
   const int every = std::max(1, batch.n_candidates / kCheckedCandidates);
@@ -191,7 +192,10 @@ void CheckPlans(const Task& task, const CandidateBatch& batch, int n_parameters,
     keys.push_back(batch.keys[c]);
   }
   const int changed = model->Check(MetInputs(evaluator, parameters, keys, task.n_inputs()));
-  if (changed > 0) evaluator->SetFactors(model->factors());
+  if (changed > 0) {
+    evaluator->SetFactors(model->factors());
+    if (helpers != nullptr) helpers->SetModel(model->factors(), PriorParameters(*record));
+  }
   record->plan_changes += changed;
 }
 
@@ -201,6 +205,9 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
                  EpisodeRecord* record) {
   const auto start = std::chrono::steady_clock::now();
   Evaluator evaluator(task, policy, model->factors(), options.rollout, PriorParameters(*record));
+  RolloutHelpers* const helpers = callbacks.helpers;
+  if (helpers != nullptr) helpers->SetModel(model->factors(), PriorParameters(*record));
+  const int threads = helpers == nullptr ? options.rollout.threads : helpers->threads();
   std::int64_t next_check = 0;
   EvaluatorStatistics told;
   const auto progress = [&](const PolicySearchProgress& search) {
@@ -209,9 +216,10 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
   };
   const BatchObjective objective = [&](const CandidateBatch& batch, std::span<double> returns) {
     if (evaluator.statistics().rollouts >= next_check) {
-      CheckPlans(task, batch, policy.n_parameters(), &evaluator, model, record);
+      CheckPlans(task, batch, policy.n_parameters(), helpers, &evaluator, model, record);
       next_check += options.search.evaluations / kPlanChecks + 1;
     }
+    if (helpers != nullptr) return helpers->Evaluate(batch, &evaluator, returns);
     evaluator.Evaluate(batch.parameters, batch.keys, batch.n_rollouts, batch.first_rollout, returns,
                        batch.groups);
   };
@@ -228,7 +236,7 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
   record->gp_queries = statistics.gp_queries;
   record->diverged = statistics.diverged;
   record->lane_fill = statistics.LaneFill();
-  record->idle_share = statistics.IdleShare(options.rollout.threads);
+  record->idle_share = statistics.IdleShare(threads);
   for (std::size_t e = 0; e < model->plans().size(); ++e) {
     const OutputPlan& plan = model->plans()[e];
     record->plans.push_back({plan.backend(), plan.points, plan.single_precision, plan.tau,
@@ -237,7 +245,6 @@ void LearnPolicy(const Task& task, const LearnerOptions& options, const LearnerS
   }
   record->rollout_seconds = statistics.seconds;
   if (record->prior) {
-    const double threads = options.rollout.threads;
     record->prior->step_nanoseconds =
         1e9 * statistics.prior_seconds / static_cast<double>(statistics.steps);
     record->prior->search_share = statistics.prior_seconds / (threads * statistics.seconds);

@@ -11,6 +11,7 @@
 
 #include "engine/gp/gp_model.h"
 #include "engine/gp/query_plan.h"
+#include "engine/learner/rollout_helpers.h"
 #include "engine/rollout/evaluator.h"
 #include "engine/rollout/policy.h"
 #include "engine/rollout/task.h"
@@ -159,6 +160,7 @@ class Learner {
     // `batch`: of the rollouts since the last call, a generation's.
     std::function<void(const PolicySearchProgress&, const EvaluatorStatistics& batch)> search;
     const std::atomic<bool>* stop = nullptr;
+    RolloutHelpers* helpers = nullptr;  // that share in the search's rollouts, if any
   };
 
   // Throws InvalidInput if an option is out of range or the task is inconsistent, or if

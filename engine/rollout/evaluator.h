@@ -78,6 +78,8 @@ class Evaluator {
                      std::span<const int> n_rollouts);
 
   const EvaluatorStatistics& statistics() const { return statistics_; }
+  // Adds what others have done of a batch whose rest was evaluated here.
+  void Count(const EvaluatorStatistics& others) { statistics_ += others; }
 
  private:
   struct Batch {

@@ -7,7 +7,7 @@
 
 namespace downpour {
 
-// Counts of all calls of Evaluator::Evaluate so far.
+// Counts of all calls of Evaluator::Evaluate so far, and of Evaluator::Count.
 struct EvaluatorStatistics {
   std::int64_t rollouts = 0;
   std::int64_t steps = 0;       // rollouts x horizon, less those of lost causes
@@ -33,6 +33,18 @@ struct EvaluatorStatistics {
     since.prior_seconds -= earlier.prior_seconds;
     since.parts -= earlier.parts;
     return since;
+  }
+  EvaluatorStatistics& operator+=(const EvaluatorStatistics& other) {
+    rollouts += other.rollouts;
+    steps += other.steps;
+    gp_queries += other.gp_queries;
+    lane_steps += other.lane_steps;
+    diverged += other.diverged;
+    seconds += other.seconds;
+    idle_seconds += other.idle_seconds;
+    prior_seconds += other.prior_seconds;
+    parts += other.parts;
+    return *this;
   }
   double LaneFill() const { return static_cast<double>(steps) / static_cast<double>(lane_steps); }
   double IdleShare(int threads) const { return idle_seconds / (threads * seconds); }

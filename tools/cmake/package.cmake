@@ -28,7 +28,7 @@ set(search_headers
     engine/search/minimise.h engine/search/policy_search.h engine/search/strategy_parameters.h)
 set(learner_headers
     engine/learner/directory_lock.h engine/learner/learner.h engine/learner/learnt_policy.h
-    engine/learner/platform.h
+    engine/learner/platform.h engine/learner/rollout_helpers.h
     engine/learner/run_directory.h engine/learner/saved_policy.h)
 set(tasks_headers tasks/mujoco_system.h tasks/registry.h tasks/solved.h)
 

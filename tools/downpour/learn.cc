@@ -10,6 +10,7 @@
 #include <map>
 #include <memory>
 #include <new>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -23,10 +24,12 @@
 #include "tasks/toml_task/toml_task.h"
 #include "tools/downpour/commands.h"
 #include "tools/downpour/config.h"
+#include "tools/downpour/mpi_world.h"
 #include "tools/downpour/option_help.h"
 #include "tools/downpour/prior.h"
 #include "tools/downpour/progress.h"
 #include "tools/downpour/robot.h"
+#include "tools/downpour/shared_rollouts.h"
 #include "tools/downpour/shell.h"
 #include "tools/downpour/stop.h"
 
@@ -116,11 +119,13 @@ void CheckTaskFile(const RunConfig& config, const std::string& given, const fs::
   }
 }
 
-OpenRun NewRun(const LearnArguments& arguments) {
+// `shared`: by several processes.
+OpenRun NewRun(const LearnArguments& arguments, bool shared) {
   std::vector<Setting> settings;
   if (!arguments.config_file.empty()) settings = ReadConfigFile(arguments.config_file);
   for (Setting& setting : CommandLineSettings(arguments)) settings.push_back(std::move(setting));
   ResolvedRun run = ResolveConfig(settings);
+  if (shared) CheckShareable(run.config);
   UseRobot(run.config, &run.task);
   UsePrior(run.config, &run.task);
   // The learner checks task and options before anything is written.
@@ -164,7 +169,7 @@ void WarnOfMixedBits(const Learner& learner) {
   fmt::print(stderr, "downpour: warning: {}\n", difference);
 }
 
-OpenRun ResumedRun(const LearnArguments& arguments) {
+OpenRun ResumedRun(const LearnArguments& arguments, bool shared) {
   const std::vector<Setting> given = CommandLineSettings(arguments);
   CheckResumeSettings(arguments, given);
   RunDirectory directory = RunDirectory::OpenForWriting(arguments.resume);
@@ -184,6 +189,7 @@ OpenRun ResumedRun(const LearnArguments& arguments) {
     if (setting.key != "task") settings.push_back(setting);
   }
   ResolvedRun run = ResolveConfig(settings);
+  if (shared) CheckShareable(run.config);
   UseRobot(run.config, &run.task);
   UsePrior(run.config, &run.task);
   LearnerState state = directory.ReadState(run.task, run.config.learner);
@@ -226,15 +232,20 @@ const EpisodeRecord& RunEpisode(const Learner::Callbacks& callbacks, Learner* le
   }
 }
 
-void RunToTheEnd(OpenRun* run) {
+void RunToTheEnd(OpenRun* run, MpiWorld* world) {
   Learner& learner = run->learner;
   const std::string directory = run->directory.path().string();
   InstallStopHandler();
   Progress progress(run->config);
   progress.Start(learner, directory);
+  int threads = learner.options().rollout.threads;
   Learner::Callbacks callbacks;
+  std::optional<SharedRollouts> shared;
+  if (world->size() > 1 && !learner.done()) {
+    callbacks.helpers = &shared.emplace(world, run->directory, threads);
+    threads = shared->threads();
+  }
   callbacks.phase = [&](const std::string& phase) { progress.Phase(learner, phase); };
-  const int threads = learner.options().rollout.threads;
   callbacks.search = [&](const PolicySearchProgress& search, const EvaluatorStatistics& batch) {
     progress.Search(search, batch, threads);
   };
@@ -250,22 +261,24 @@ void RunToTheEnd(OpenRun* run) {
   progress.Finish(learner, directory);
 }
 
-OpenRun Open(const LearnArguments& arguments) {
+OpenRun Open(const LearnArguments& arguments, bool shared) {
   try {
-    return arguments.resume.empty() ? NewRun(arguments) : ResumedRun(arguments);
+    return arguments.resume.empty() ? NewRun(arguments, shared) : ResumedRun(arguments, shared);
   } catch (const Interrupted&) {  // while a robot got ready
     throw RunInterrupted("interrupted", StopSignal());
   }
 }
 
 void Learn(const LearnArguments& arguments) {
-  OpenRun run = Open(arguments);
+  MpiWorld world("learn");
+  if (world.rank() > 0) return HelpWithRollouts(&world);
+  OpenRun run = Open(arguments, world.size() > 1);
   const std::string directory = run.directory.path().string();
   const auto kept = [&](const LearnerState& state) {
     return KeptMessage(state, run.config.learner, arguments.program, directory);
   };
   try {
-    RunToTheEnd(&run);
+    RunToTheEnd(&run, &world);
   } catch (const Interrupted&) {
     throw RunInterrupted("interrupted; " + kept(run.learner.state()), StopSignal());
   } catch (const SystemFailure& failure) {

@@ -16,6 +16,7 @@
 #include "engine/gp/process_settings.h"
 #include "engine/learner/suggest.h"
 #include "tools/downpour/commands.h"
+#include "tools/downpour/mpi_world.h"
 
 namespace downpour {
 namespace {
@@ -98,6 +99,7 @@ int Run(int argc, char** argv) {
   } catch (const CLI::Success& success) {  // --help, --version
     return app.exit(success);
   } catch (const CLI::ParseError& error) {
+    if (!TellsCommandLineErrors()) return kBadInput;
     return Fail(CommandLineMessage(&app, error), kBadInput);
   } catch (const RunInterrupted& interrupted) {
     return Fail(interrupted.what(), kSignalled + interrupted.signal());

@@ -11,10 +11,12 @@
 #include <vector>
 
 #include "tools/downpour/commands.h"
+#include "tools/downpour/mpi_world.h"
 #include "tools/downpour/option_help.h"
 #include "tools/downpour/shell.h"
 #include "tools/downpour/stop.h"
 #include "tools/downpour/study_file.h"
+#include "tools/downpour/study_ranks.h"
 #include "tools/downpour/study_runner.h"
 
 namespace downpour {
@@ -28,13 +30,15 @@ struct StudyArguments {
 
 void RunStudy(const StudyArguments& arguments, const std::vector<Setting>& settings) {
   namespace fs = std::filesystem;
+  MpiWorld world("study");
+  if (world.rank() > 0) return HelpWithStudy(&world);
   Study study = ReadStudyFile(arguments.file);
   ApplySettings(JobFields(&study), settings);
   const std::string database = arguments.database.empty()
                                    ? fs::path(arguments.file).replace_extension(".db").string()
                                    : arguments.database;
   StudyRunner runner(arguments.program, std::move(study), database,
-                     fs::path(database).replace_extension(".runs"));
+                     fs::path(database).replace_extension(".runs"), &world);
   InstallStopHandler();
   if (!runner.Run()) {
     std::string command =

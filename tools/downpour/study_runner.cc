@@ -24,6 +24,7 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr int kPollMilliseconds = 100;
+constexpr int kRanksPollMilliseconds = 10;
 constexpr std::chrono::milliseconds kLivePeriod(500);
 // A process that was killed may take so long to let go of its run.
 constexpr std::chrono::seconds kLockPatience(10);
@@ -116,12 +117,13 @@ std::vector<StudyRun> Order(const Study& study) {
 }  // namespace
 
 StudyRunner::StudyRunner(std::string program, Study study, const std::string& database,
-                         const fs::path& runs)
+                         const fs::path& runs, MpiWorld* world)
     : program_(std::move(program)),
       study_(std::move(study)),
       directory_(runs),
       lock_(StudyLock(runs, database)),
       database_(database),
+      ranks_(world),
       terminal_(isatty(STDERR_FILENO) != 0) {
   database_.Put(study_);
   for (const StudyRun& run : Order(study_)) runs_.push_back({run});
@@ -138,6 +140,7 @@ StudyRunner::StudyRunner(std::string program, Study study, const std::string& da
       CatchUp(&replicate);
     }
     n_finished_ += Finished(replicate);
+    if (!Finished(replicate) && !replicate.failed) waiting_.push_back(&replicate);
   }
   n_episodes_ = 0;
 }
@@ -198,37 +201,77 @@ void StudyRunner::Fail(Replicate* replicate, const std::string& reason) {
   fmt::print(stderr, "{}\n", failures_.back());
 }
 
-void StudyRunner::Start(Replicate* replicate) {
-  const StudyVariant& variant = *replicate->run.variant;
-  const fs::path path = Directory(replicate->run);
-  Made(path.parent_path());
+// The command line that goes on with a run, or begins it, in a directory.
+std::vector<std::string> StudyRunner::Words(const StudyRun& run,
+                                            const std::string& directory) const {
+  const StudyVariant& variant = *run.variant;
   const std::string episodes = std::to_string(variant.config.learner.episodes);
   std::vector<std::string> words = {program_, "learn"};
-  if (IsRun(path)) {
-    WaitForRun(path);
-    words.insert(words.end(), {"--resume", path.string()});
+  if (IsRun(Directory(run))) {
+    words.insert(words.end(), {"--resume", directory});
   } else {
     words.push_back(std::get<std::string>(variant.settings.front().value));
-    words.insert(words.end(), {"--out", path.string(), "--seed"});
-    words.push_back(std::to_string(replicate->run.seed));
+    words.insert(words.end(), {"--out", directory, "--seed", std::to_string(run.seed)});
     for (std::size_t i = 1; i < variant.settings.size(); ++i) {
       words.insert(words.end(), {"--set", Assignment(variant.settings[i])});
     }
   }
   words.insert(words.end(), {"--episodes", episodes, "--threads", std::to_string(Threads(variant)),
                              "--json", "--quiet"});
-  active_.push_back({replicate, RunProcess(words, path.string() + ".log")});
+  return words;
+}
+
+// The rank with the fewest runs; -1 if all have enough.
+int StudyRunner::FreeRank() const {
+  const auto active = [this](int rank) {
+    return std::count_if(active_.begin(), active_.end(),
+                         [=](const Active& a) { return a.rank == rank; });
+  };
+  int least = 0;
+  for (const int rank : ranks_.Helpers()) {
+    if (active(rank) < active(least)) least = rank;
+  }
+  return active(least) < jobs_ ? least : -1;
+}
+
+void StudyRunner::Start(Replicate* replicate, int rank) {
+  const fs::path path = Directory(replicate->run);
+  Made(path.parent_path());
+  if (IsRun(path)) WaitForRun(path);
+  const fs::path log = path.string() + ".log";
+  if (rank > 0) {
+    ranks_.Start(rank, static_cast<int>(replicate - runs_.data()),
+                 Words(replicate->run, kRunDirectoryWord), path, log);
+    active_.push_back({replicate, rank, std::nullopt});
+  } else {
+    active_.push_back(
+        {replicate, rank, RunProcess(Words(replicate->run, path.string()), log.string())});
+  }
 }
 
 // Its process has said that an episode is finished, or has ended.
 void StudyRunner::Follow(Active* active) {
-  if (active->process.ReadLines() == 0 && !active->process.ended()) return;
+  RunProcess& process = *active->process;
+  if (process.ReadLines() == 0 && !process.ended()) return;
   CatchUp(active->replicate);
-  if (active->process.ended()) End(active);
+  if (process.ended()) End(active->replicate, process.EndText());
 }
 
-void StudyRunner::End(Active* active) {
-  Replicate& replicate = *active->replicate;
+// The same of a run of another rank.
+void StudyRunner::Follow(const StudyRanks::News& news) {
+  Replicate* const replicate = &runs_[news.run];
+  CatchUp(replicate);
+  if (!news.ended) return;
+  active_.erase(std::find_if(active_.begin(), active_.end(),
+                             [&](const Active& a) { return a.replicate == replicate; }));
+  if (!news.lost || Finished(*replicate)) return End(replicate, news.end_text);
+  ClearLine();
+  fmt::print(stderr, "{}: {}; it goes on elsewhere\n", Name(replicate->run), news.end_text);
+  waiting_.push_back(replicate);
+}
+
+void StudyRunner::End(Replicate* ended, const std::string& end_text) {
+  Replicate& replicate = *ended;
   const fs::path log = Directory(replicate.run).string() + ".log";
   if (Finished(replicate)) {
     ++n_finished_;
@@ -242,37 +285,48 @@ void StudyRunner::End(Active* active) {
     if (std::fflush(stdout) != 0) throw FileError("standard output: cannot write");
   } else if (!StopRequested() && !replicate.failed) {
     const std::string said = LastLine(log);
-    Fail(&replicate, active->process.EndText() + (said.empty() ? "" : ": " + said));
+    Fail(&replicate, end_text + (said.empty() ? "" : ": " + said));
   }
 }
 
 // For output, for at most kPollMilliseconds.
 void StudyRunner::Wait() {
   std::vector<pollfd> descriptors;
-  for (const Active& active : active_) descriptors.push_back({active.process.output(), POLLIN, 0});
-  if (poll(descriptors.data(), descriptors.size(), kPollMilliseconds) <= 0) return;
-  for (std::size_t i = 0; i < descriptors.size(); ++i) {
-    if (descriptors[i].revents != 0) Follow(&active_[i]);
+  for (const Active& active : active_) {
+    descriptors.push_back({active.process ? active.process->output() : -1, POLLIN, 0});
   }
-  std::deque<Active> left;
-  for (Active& active : active_) {
-    if (!active.process.ended()) left.push_back(std::move(active));
+  // Nobody wakes us for what other ranks send.
+  const int milliseconds = ranks_.Helpers().empty() ? kPollMilliseconds : kRanksPollMilliseconds;
+  if (poll(descriptors.data(), descriptors.size(), milliseconds) > 0) {
+    auto active = active_.begin();
+    for (const pollfd& descriptor : descriptors) {
+      if (descriptor.revents != 0) Follow(&*active);
+      ++active;
+    }
+    active_.remove_if([](const Active& a) { return a.process && a.process->ended(); });
   }
-  active_.swap(left);
+  for (const StudyRanks::News& news : ranks_.Poll()) Follow(news);
+}
+
+// Starts what ranks have room for.
+void StudyRunner::Fill() {
+  for (int rank = 0; !waiting_.empty() && !StopRequested() && (rank = FreeRank()) >= 0;) {
+    Start(waiting_.front(), rank);
+    waiting_.pop_front();
+  }
 }
 
 bool StudyRunner::Run() {
   start_ = last_shown_ = Clock::now();
   bool terminated = false;
-  std::size_t next = 0;
   while (true) {
-    for (; next < runs_.size() && !StopRequested(); ++next) {
-      if (static_cast<int>(active_.size()) == jobs_) break;
-      if (!Finished(runs_[next]) && !runs_[next].failed) Start(&runs_[next]);
-    }
+    Fill();
     if (active_.empty()) break;
     if (StopRequested() && !std::exchange(terminated, true)) {
-      for (Active& active : active_) active.process.Terminate();
+      for (Active& active : active_) {
+        if (active.process) active.process->Terminate();
+      }
+      ranks_.Terminate();
     }
     Wait();
     Show();

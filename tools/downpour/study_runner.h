@@ -4,26 +4,32 @@
 #include <chrono>
 #include <deque>
 #include <filesystem>
+#include <list>
 #include <optional>
 #include <string>
 #include <vector>
 
 #include "engine/learner/directory_lock.h"
+#include "tools/downpour/mpi_world.h"
 #include "tools/downpour/run_process.h"
 #include "tools/downpour/study_database.h"
 #include "tools/downpour/study_file.h"
+#include "tools/downpour/study_ranks.h"
 
 namespace downpour {
 
 // Runs what is missing of a study, each replicate as `downpour learn` in a process and a run
 // directory of its own. The directories are what is known of the runs; the database follows them.
+// With other ranks each takes as many runs side by side as this process; those of a rank that gets
+// lost go on elsewhere.
 class StudyRunner {
  public:
   // Takes `runs`, the directory of the run directories, for this process. Throws InvalidInput if
   // another one has it, or if the study does not go on with what is in it or in the database.
-  // `program` is this program as it was typed.
+  // `program` is this program as it was typed. `world` must outlive the object, whose process has
+  // rank 0.
   StudyRunner(std::string program, Study study, const std::string& database,
-              const std::filesystem::path& runs);
+              const std::filesystem::path& runs, MpiWorld* world);
 
   // Returns true if all runs are finished, false if an end was asked for (stop.h). A run that fails
   // leaves the others alone; throws std::runtime_error at the end if there are any.
@@ -45,7 +51,8 @@ class StudyRunner {
   };
   struct Active {
     Replicate* replicate;
-    RunProcess process;
+    int rank;                           // that learns it
+    std::optional<RunProcess> process;  // of rank 0
   };
 
   bool Finished(const Replicate& replicate) const;
@@ -54,9 +61,13 @@ class StudyRunner {
   LearnerState ReadRun(const StudyRun& run, int* threads) const;
   void CatchUp(Replicate* replicate);
   void Fail(Replicate* replicate, const std::string& reason);
-  void Start(Replicate* replicate);
+  std::vector<std::string> Words(const StudyRun& run, const std::string& directory) const;
+  int FreeRank() const;
+  void Start(Replicate* replicate, int rank);
   void Follow(Active* active);
-  void End(Active* active);
+  void Follow(const StudyRanks::News& news);
+  void End(Replicate* replicate, const std::string& end_text);
+  void Fill();
   void Wait();
   double EpisodesLeft() const;
   void Show();
@@ -69,8 +80,10 @@ class StudyRunner {
   StudyDatabase database_;
   int jobs_;
   int threads_;
+  StudyRanks ranks_;
   std::vector<Replicate> runs_;
-  std::deque<Active> active_;
+  std::deque<Replicate*> waiting_;
+  std::list<Active> active_;
   std::vector<std::string> failures_;
   int n_finished_ = 0;
   int n_episodes_ = 0;  // by this process
