@@ -36,9 +36,12 @@ fs::path Made(const fs::path& directory) {
   return directory;
 }
 
-DirectoryLock StudyLock(const fs::path& directory, const std::string& database) {
+std::optional<DirectoryLock> StudyLock(const fs::path& directory, const std::string& database,
+                                       const StudyShare& share) {
+  Made(directory);
+  if (share.count > 1) return std::nullopt;
   try {
-    return DirectoryLock(Made(directory));
+    return DirectoryLock(directory);
   } catch (const InvalidInput&) {
     throw InvalidInput(fmt::format(
         "{}: another downpour study is writing it: wait for its end, or stop it", database));
@@ -117,18 +120,21 @@ std::vector<StudyRun> Order(const Study& study) {
 }  // namespace
 
 StudyRunner::StudyRunner(std::string program, Study study, const std::string& database,
-                         const fs::path& runs, MpiWorld* world)
+                         const fs::path& runs, const StudyShare& share, MpiWorld* world)
     : program_(std::move(program)),
       study_(std::move(study)),
       directory_(runs),
-      lock_(StudyLock(runs, database)),
-      database_(database),
+      lock_(StudyLock(runs, database, share)),
+      database_(share.count == 1 ? database : ":memory:"),
       ranks_(world),
       terminal_(isatty(STDERR_FILENO) != 0) {
   database_.Put(study_);
-  for (const StudyRun& run : Order(study_)) runs_.push_back({run});
+  const std::vector<StudyRun> runs_in_order = Order(study_);
+  for (std::size_t i = share.index - 1; i < runs_in_order.size(); i += share.count) {
+    runs_.push_back({runs_in_order[i]});
+  }
   const int cores = omp_get_num_procs();
-  jobs_ = std::min(study_.jobs > 0 ? study_.jobs : cores, n_runs());
+  jobs_ = std::clamp(study_.jobs > 0 ? study_.jobs : cores, 1, std::max(1, n_runs()));
   threads_ = study_.threads > 0 ? study_.threads : std::max(1, cores / jobs_);
   for (Replicate& replicate : runs_) {
     const StudyDatabase::Progress progress = database_.ReadProgress(replicate.run);

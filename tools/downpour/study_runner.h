@@ -18,6 +18,12 @@
 
 namespace downpour {
 
+// Every count-th run of a study from the index-th on, counted from 1.
+struct StudyShare {
+  int index = 1;
+  int count = 1;
+};
+
 // Runs what is missing of a study, each replicate as `downpour learn` in a process and a run
 // directory of its own. The directories are what is known of the runs; the database follows them.
 // With other ranks each takes as many runs side by side as this process; those of a rank that gets
@@ -26,10 +32,11 @@ class StudyRunner {
  public:
   // Takes `runs`, the directory of the run directories, for this process. Throws InvalidInput if
   // another one has it, or if the study does not go on with what is in it or in the database.
-  // `program` is this program as it was typed. `world` must outlive the object, whose process has
-  // rank 0.
+  // With a share of several, neither the directory is taken nor a database written: others run
+  // theirs at the same time, and the whole study reads the directories later. `program` is this
+  // program as it was typed. `world` must outlive the object, whose process has rank 0.
   StudyRunner(std::string program, Study study, const std::string& database,
-              const std::filesystem::path& runs, MpiWorld* world);
+              const std::filesystem::path& runs, const StudyShare& share, MpiWorld* world);
 
   // Returns true if all runs are finished, false if an end was asked for (stop.h). A run that fails
   // leaves the others alone; throws std::runtime_error at the end if there are any.
@@ -76,7 +83,7 @@ class StudyRunner {
   std::string program_;
   Study study_;
   std::filesystem::path directory_;
-  DirectoryLock lock_;
+  std::optional<DirectoryLock> lock_;  // none of a share
   StudyDatabase database_;
   int jobs_;
   int threads_;
