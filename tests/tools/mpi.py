@@ -5,13 +5,13 @@ import os
 import pathlib
 import subprocess
 
-from command import PROGRAM
+from command import PROGRAM, scratch_directory
 
 # More processes than cores, as root, without a network.
 ENVIRONMENT = os.environ | {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
                             "OMPI_MCA_rmaps_base_oversubscribe": "1",
                             "OMPI_MCA_hwloc_base_binding_policy": "none",
-                            "OMPI_MCA_btl": "self,vader"}
+                            "OMPI_MCA_btl": "self,vader", "TMPDIR": str(scratch_directory())}
 
 
 def mpirun_words(n, *arguments, options=()):

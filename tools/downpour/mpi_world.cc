@@ -137,8 +137,8 @@ MpiWorld::~MpiWorld() {
     }
   } catch (const std::exception&) {  // without a connection there is nobody to say goodbye to
   }
-  // Without one of the helpers it could wait for ever.
-  if (rank_ > 0 || state_->AllGone()) MPI_Finalize();
+  // It would wait for a helper that is not gone, or for an mpirun that is ending the job.
+  if (rank_ > 0 || (state_->AllGone() && !StopRequested())) MPI_Finalize();
   delete state_;
 }
 
