@@ -42,41 +42,38 @@ void AppendTerm(double factor, const std::string& name, std::string* sum) {
 
 class SaturatingReward final : public Reward {
  public:
-  SaturatingReward(std::span<const Variable> feature_names, std::vector<double> a,
-                   std::vector<double> b, double width)
-      : n_features_(static_cast<int>(feature_names.size())),
-        a_(std::move(a)),
-        b_(std::move(b)),
-        width_(width) {
-    CheckEach("b", b_, b_.size());
-    CheckEach("a", a_, b_.size() * feature_names.size());
+  SaturatingReward(std::span<const Variable> feature_names, SaturatingParameters parameters)
+      : n_features_(static_cast<int>(feature_names.size())), parameters_(std::move(parameters)) {
+    const auto& [a, b, width] = parameters_;
+    CheckEach("b", b, b.size());
+    CheckEach("a", a, b.size() * feature_names.size());
     if (!(std::isfinite(width) && width > 0)) {
       throw InvalidInput("reward: width = " + Shortest(width) + ": must be finite and > 0");
     }
     description_ = "exp(-d^2 / (2 x " + Shortest(width) + "^2)), d^2 = ";
-    for (std::size_t row = 0; row < b_.size(); ++row) {
+    for (std::size_t row = 0; row < b.size(); ++row) {
       std::string residual;
       for (std::size_t f = 0; f < feature_names.size(); ++f) {
-        AppendTerm(a_[row * feature_names.size() + f], feature_names[f].name, &residual);
+        AppendTerm(a[row * feature_names.size() + f], feature_names[f].name, &residual);
       }
-      AppendTerm(-b_[row], "", &residual);
+      AppendTerm(-b[row], "", &residual);
       description_ += (row > 0 ? " + (" : "(") + residual + ")^2";
     }
   }
 
   std::string Describe() const override { return description_; }
   bool InUnitInterval() const override { return true; }
+  const SaturatingParameters* saturating() const override { return &parameters_; }
 
   void EvaluateTile(int, const double*, const double* features, const double*,
                     double* rewards) const override {
-    SaturatingRewardTile(static_cast<int>(b_.size()), n_features_, a_.data(), b_.data(), width_,
-                         features, rewards);
+    SaturatingRewardTile(static_cast<int>(parameters_.b.size()), n_features_, parameters_.a.data(),
+                         parameters_.b.data(), parameters_.width, features, rewards);
   }
 
  private:
   int n_features_;
-  std::vector<double> a_, b_;
-  double width_;
+  SaturatingParameters parameters_;
   std::string description_;
 };
 
@@ -85,7 +82,8 @@ class SaturatingReward final : public Reward {
 std::shared_ptr<const Reward> MakeSaturatingReward(std::span<const Variable> feature_names,
                                                    std::vector<double> a, std::vector<double> b,
                                                    double width) {
-  return std::make_shared<SaturatingReward>(feature_names, std::move(a), std::move(b), width);
+  return std::make_shared<SaturatingReward>(
+      feature_names, SaturatingParameters{std::move(a), std::move(b), width});
 }
 
 double ComputeReward(const Task& task, int step, std::span<const double> state,

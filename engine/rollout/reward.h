@@ -10,6 +10,12 @@
 
 namespace downpour {
 
+// The numbers of a saturating reward (MakeSaturatingReward).
+struct SaturatingParameters {
+  std::vector<double> a, b;  // n_rows x F row-major, n_rows
+  double width;
+};
+
 // The immediate reward (paper Eq. 1), evaluated for a tile of lanes: a black box to search,
 // rollouts and the real system alike. It need be neither smooth nor continuous. A user's own is a
 // class derived from this one (docs/rewards.md). Immutable: calls are thread-safe.
@@ -24,6 +30,8 @@ class Reward {
   virtual std::string Describe() const = 0;
   // True if every reward is in [0, 1], to rounding. search.stop_lost_causes needs that.
   virtual bool InUnitInterval() const = 0;
+  // Of a saturating reward, whose expectation has a closed form; nullptr: another kind.
+  virtual const SaturatingParameters* saturating() const { return nullptr; }
   // rewards[lane] of the state to which the action of `step`, numbered from 0, led:
   //   states E x kTileLanes, their features F x kTileLanes, actions A x kTileLanes that led there;
   //   aligned, no aliasing

@@ -3,8 +3,8 @@
 
 # The whole engine in one name.
 add_library(downpour_engine INTERFACE)
-target_link_libraries(downpour_engine INTERFACE downpour_gp downpour_rollout downpour_search
-                      downpour_learner)
+target_link_libraries(downpour_engine INTERFACE downpour_gp downpour_rollout downpour_pilco
+                      downpour_search downpour_learner)
 
 # Public headers: those to be included, and what these include.
 file(GLOB kernels_headers CONFIGURE_DEPENDS kernels/*/*.h)
@@ -21,6 +21,7 @@ set(rollout_headers
     engine/rollout/model_evaluator.h engine/rollout/policy.h engine/rollout/prior_pool.h
     engine/rollout/reward.h engine/rollout/rollout_parts.h
     engine/rollout/task.h engine/rollout/trajectories.h)
+set(pilco_headers engine/pilco/expected_return.h)
 set(search_headers
     engine/search/bipop.h engine/search/bounds.h engine/search/cma_es.h
     engine/search/diagonal_covariance.h engine/search/fitness_history.h
@@ -33,7 +34,7 @@ set(learner_headers
 set(tasks_headers tasks/mujoco_system.h tasks/registry.h tasks/solved.h)
 
 include(GNUInstallDirs)
-set(libraries kernels gp rollout search learner tasks)
+set(libraries kernels gp rollout pilco search learner tasks)
 foreach(library ${libraries})
   list(TRANSFORM ${library}_headers PREPEND ${PROJECT_SOURCE_DIR}/ REGEX "^[a-z]")
   target_sources(downpour_${library} PUBLIC FILE_SET HEADERS BASE_DIRS ${PROJECT_SOURCE_DIR}
