@@ -8,6 +8,7 @@
 #include "engine/gp/gp_model.h"
 #include "engine/pilco/moments.h"
 #include "engine/pilco/se_mean.h"
+#include "kernels/aligned.h"
 
 namespace downpour {
 
@@ -47,13 +48,15 @@ class GpMoments {
     int a, b;
   };
 
+  // `centred`: D x n padded with zeros. Derivatives unless they are nullptr.
   double SecondMoment(const Pair& pair, const Eigen::MatrixXd& centred,
                       const Eigen::MatrixXd& covariance, Eigen::VectorXd* by_mean,
                       Eigen::MatrixXd* by_covariance) const;
 
-  Eigen::MatrixXd points_;                // D x n
-  std::vector<SeFunction> functions_;     // (E), beta = K^-1 y
-  std::vector<Eigen::MatrixXd> weights_;  // (E) n x n: beta beta^T - K^-1
+  Eigen::MatrixXd points_;             // D x n
+  std::vector<SeFunction> functions_;  // (E), beta = K^-1 y
+  // For SeProductSums: (E) beta; (E) lower triangles of beta beta^T - K^-1, the diagonals halved.
+  std::vector<AlignedVector<double>> betas_, weights_;
   std::vector<Pair> pairs_;
 };
 
