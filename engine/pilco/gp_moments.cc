@@ -60,7 +60,8 @@ GpMoments::GpMoments(std::span<const ExactGp> model) {
   points_ = model[0].inputs().transpose();
   const Eigen::Index n = points_.cols();
   for (const ExactGp& gp : model) {
-    if (gp.inputs() != model[0].inputs()) {
+    if (gp.inputs().rows() != n || gp.inputs().cols() != points_.rows() ||
+        gp.inputs() != model[0].inputs()) {
       throw InvalidInput("GP moments: the outputs' models must have the same inputs");
     }
     SeFunction function;
@@ -120,15 +121,17 @@ double GpMoments::SecondMoment(const Pair& pair, const Eigen::MatrixXd& centred,
   const double scale = se.scale * fa.signal_variance * fb.signal_variance;
   SePairSums sums{scale * arrays.rows, scale * arrays.columns,
                   scale * (a * arrays.moments.transpose())};
-  if (pair.a == pair.b) {
-    // The lower triangle, the diagonal halved, stands for both.
-    if (by_mean == nullptr) return 2 * sums.rows.sum();
+  // The lower triangle, the diagonal halved, stands for both.
+  const bool triangle = pair.a == pair.b;
+  const double value = (triangle ? 2 : 1) * sums.rows.sum();
+  if (by_mean == nullptr) return value;
+  if (triangle) {
     sums.rows += sums.columns;
     sums.columns = sums.rows;
     sums.products += sums.products.transpose().eval();
   }
-  if (by_mean != nullptr) SePairDerivatives(se, sums, a, b, by_mean, by_covariance);
-  return sums.rows.sum();
+  SePairDerivatives(se, sums, a, b, by_mean, by_covariance);
+  return value;
 }
 
 Moments GpMoments::Predict(const Eigen::VectorXd& mean, const Eigen::MatrixXd& covariance,

@@ -43,14 +43,18 @@ HWY_INLINE void Products(const SeProduct& x, int i, int end, double* HWY_RESTRIC
     HWY_UNROLL(4) for (int r = 0; r < kRows; ++r) s[r] = hn::Max(s[r], hn::Zero(d));
     Exp2Negative(d, s);
     HWY_UNROLL(4) for (int r = 0; r < kRows; ++r) {
+      Vector weight;
       if constexpr (kWeightMatrix) {
-        s[r] = hn::Mul(s[r], hn::Load(d, x.weights + static_cast<std::size_t>(i + r) * x.ld + j));
+        weight = hn::Load(d, x.weights + static_cast<std::size_t>(i + r) * x.ld + j);
       } else {
-        const Vector weight = hn::Load(d, x.column_weights + j);
-        s[r] = hn::Mul(s[r], hn::Mul(weight, hn::Set(d, x.row_weights[i + r])));
+        weight = hn::Mul(hn::Load(d, x.column_weights + j), hn::Set(d, x.row_weights[i + r]));
       }
-      sums[r] = hn::Add(sums[r], s[r]);
-      if constexpr (kAll) hn::Store(s[r], d, block + static_cast<std::size_t>(r) * x.ld + j);
+      // Fused in either case, so that the bits do not depend on what the compiler sees.
+      sums[r] = hn::MulAdd(s[r], weight, sums[r]);
+      if constexpr (kAll) {
+        s[r] = hn::Mul(s[r], weight);
+        hn::Store(s[r], d, block + static_cast<std::size_t>(r) * x.ld + j);
+      }
     }
     if constexpr (kAll) {
       const Vector column = hn::Add(hn::Add(s[0], s[1]), hn::Add(s[2], s[3]));

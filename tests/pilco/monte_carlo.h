@@ -4,8 +4,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <limits>
-#include <vector>
+#include <cstdint>
 
 #include "engine/pilco/moments.h"
 #include "kernels/philox/philox.h"
@@ -21,10 +20,12 @@ inline Eigen::MatrixXd SquareRoot(const Eigen::MatrixXd& covariance) {
 // The worst deviation, in standard errors of the sample, of any claimed mean, covariance and cov(x,
 // y) = S slope from those of `n` samples x ~ N(mean, covariance). y(x, &y, &variance) writes a
 // sample's values and the variances that they have beside (zeros on entry). A statistic without
-// spread must agree to rounding: its standard error counts as 1e-13 of its size at least.
+// spread must agree to rounding: its standard error counts as 1e-13 of its size at least. Without
+// `with_slope` cov(x, y) is not looked at.
 template <typename Function>
 double WorstDeviation(const Eigen::VectorXd& mean, const Eigen::MatrixXd& covariance,
-                      const Moments& claimed, std::int64_t n, const Function& y) {
+                      const Moments& claimed, std::int64_t n, const Function& y,
+                      bool with_slope = true) {
   constexpr std::int64_t kBlock = 1000;
   const Eigen::MatrixXd root = SquareRoot(covariance);
   const Eigen::Index in = mean.size(), out = claimed.mean.size();
@@ -53,7 +54,7 @@ double WorstDeviation(const Eigen::VectorXd& mean, const Eigen::MatrixXd& covari
   const double largest = std::max(1.0, sizes.col(0).maxCoeff());
   const double floor = 1e-13 * largest * largest;
   double worst = 0;
-  for (Eigen::Index i = 0; i < sum.size(); ++i) {
+  for (Eigen::Index i = 0; i < (with_slope ? sum.size() : out * (1 + out)); ++i) {
     const double average = sum(i) / static_cast<double>(n);
     const double spread = squares(i) / static_cast<double>(n) - average * average;
     const double error = std::sqrt(std::max(0.0, spread) / static_cast<double>(n));
