@@ -3,7 +3,6 @@
 // rank, and of three steps of the chain: the worst deviation of any mean, covariance and
 // cross-covariance in standard errors of the sample. tests/pilco checks the same with fewer.
 //   pilco_samples [--samples N]
-#define DOCTEST_CONFIG_DISABLE
 #include <CLI/CLI.hpp>
 #include <cstdint>
 #include <cstdio>

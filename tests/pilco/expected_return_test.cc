@@ -8,6 +8,7 @@
 
 #include "engine/errors.h"
 #include "tests/pilco/chain_case.h"
+#include "tests/pilco/check_gradient.h"
 
 namespace downpour {
 namespace {

@@ -11,7 +11,7 @@
 #include "engine/pilco/gp_moments.h"
 #include "engine/pilco/policy_moments.h"
 #include "engine/pilco/squash_moments.h"
-#include "kernels/gp_policy/gp_policy_ref.h"
+#include "kernels/gp_policy/gp_policy.h"
 #include "tests/pilco/monte_carlo.h"
 #include "tests/pilco/pilco_fixture.h"
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <vector>
 
+#include "tests/pilco/check_gradient.h"
 #include "tests/pilco/stage_cases.h"
 
 namespace downpour {
