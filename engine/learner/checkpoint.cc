@@ -22,7 +22,8 @@ namespace {
 using Json = nlohmann::json;
 
 constexpr const char* kFormat = "downpour checkpoint";
-constexpr const char* kPrior = "task.prior";  // a setting of runs with a prior
+constexpr const char* kPrior = "task.prior";           // a setting of runs with a prior
+constexpr const char* kAlgorithm = "learn.algorithm";  // of runs by another than Black-DROPS
 constexpr int kMaxInt = std::numeric_limits<int>::max();
 constexpr std::int64_t kMaxInt64 = std::numeric_limits<std::int64_t>::max();
 
@@ -53,13 +54,14 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   static constexpr std::array kCovariance = {"auto", "full", "diagonal", "limited-memory"};
   static constexpr std::array kCommonRandomNumbers = {"off", "generation", "search"};
   // Named one by one, so that a new option does not compile until it is here.
-  const auto& [episodes, random_episodes, until_solved, learn_reward, policy, seed, threads, model,
-               prior, plan, search, rollout] = options;
+  const auto& [algorithm, episodes, random_episodes, until_solved, learn_reward, policy, seed,
+               threads, model, prior, plan, search, rollout, pilco] = options;
   const auto& [kind, hidden_units, activation, points, make] = policy;
   const auto& [restarts, max_evaluations] = model;
   const auto& [prior_evaluations] = prior;
   const auto& [variance_tolerance, mean_tolerance, backend] = plan;
   const auto& [use_variance, predict_noise, sample_clamp, rollout_threads] = rollout;
+  const auto& [pilco_restarts, pilco_evaluations, pilco_start_std] = pilco;
   const auto& [evaluations, population, rollouts, max_rollouts, concurrent, exploration, promotions,
                local_share, final_rollouts, bound, first_sigma, restart_sigma, restart_decades,
                search_threads, restart_strategy, uncertainty, covariance, common_random_numbers,
@@ -102,6 +104,16 @@ Json Settings(const Task& task, const LearnerOptions& options) {
                    {"search.common_random_numbers",
                     kCommonRandomNumbers.at(static_cast<std::size_t>(common_random_numbers))},
                    {"search.stop_lost_causes", stop_lost_causes}};
+  if (algorithm != Algorithm::kBlackDrops) {
+    settings[kAlgorithm] = kAlgorithmNames.at(static_cast<std::size_t>(algorithm));
+    settings["pilco.restarts"] = pilco_restarts;
+    settings["pilco.evaluations"] = pilco_evaluations;
+    settings["pilco.start_std"] = JsonNumber(pilco_start_std);
+    for (auto setting = settings.begin(); setting != settings.end();) {
+      setting =
+          UsesSetting(algorithm, setting.key()) ? std::next(setting) : settings.erase(setting);
+    }
+  }
   settings.update(TaskSettings(task));
   if (task.prior != nullptr) {
     settings[kPrior] = task.prior->Describe();
@@ -117,11 +129,15 @@ void CheckSettings(const Json& wanted, const JsonField& found, const std::string
         " a prior, the configuration says " + (wanted.contains(kPrior) ? "with" : "without") +
         " one (prior.model): must be equal to resume");
   }
-  for (const auto& [name, value] : wanted.items()) {
-    const Json& old = found[name.c_str()].value();
-    if (old == value) continue;
+  const auto compare = [&](const std::string& name, const Json& old, const Json& value) {
+    if (old == value) return;
     throw InvalidInput(file + ": the run was made with " + name + " = " + old.dump() +
                        ", the configuration says " + value.dump() + ": must be equal to resume");
+  };
+  compare(kAlgorithm, found.value().value(kAlgorithm, Json(kAlgorithmNames.front())),
+          wanted.value(kAlgorithm, Json(kAlgorithmNames.front())));
+  for (const auto& [name, value] : wanted.items()) {
+    compare(name, found[name.c_str()].value(), value);
   }
 }
 

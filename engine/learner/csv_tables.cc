@@ -74,8 +74,9 @@ std::string TimingCsv(const std::vector<Variable>& outputs, const LearnerState& 
                                     CsvField(record.rollout_seconds),
                                     CsvField(record.idle_share),
                                     CsvField(RolloutNanosecondsPerQuery(record))};
-    AppendNumbers(
-        record.random ? std::vector<double>(outputs.size(), kNaN) : record.query_nanoseconds, &row);
+    AppendNumbers(record.query_nanoseconds.empty() ? std::vector<double>(outputs.size(), kNaN)
+                                                   : record.query_nanoseconds,
+                  &row);
     AppendRow(row, &csv);
   }
   return csv;

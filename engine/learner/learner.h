@@ -11,7 +11,9 @@
 
 #include "engine/gp/gp_model.h"
 #include "engine/gp/query_plan.h"
+#include "engine/learner/algorithm.h"
 #include "engine/learner/rollout_helpers.h"
+#include "engine/pilco/gradient_search.h"
 #include "engine/rollout/evaluator.h"
 #include "engine/rollout/policy.h"
 #include "engine/rollout/task.h"
@@ -26,7 +28,19 @@ struct PriorFitOptions {
   int evaluations = 100;
 };
 
+// PILCO's search (docs/pilco.md). The bound of policy parameters is PolicySearchOptions::bound.
+struct PilcoOptions {
+  int restarts = 2;       // random starts besides the last policy; [0, 1000]
+  int evaluations = 300;  // of value and gradient that a start may take; [1, 1000000]
+  // Std of every state variable at the start of an episode, as the model has it; [0, 1000]. The
+  // authors' 0.1; the real system keeps Task::start_std.
+  double start_std = 0.1;
+};
+
 struct LearnerOptions {
+  // PILCO uses neither `plan`, `prior`, `rollout` (but for predictions) nor, of `search`, more than
+  // the bound.
+  Algorithm algorithm = Algorithm::kBlackDrops;
   int episodes = 15;        // random ones included; [2, 1000]
   int random_episodes = 1;  // [1, 999], less than episodes
   bool until_solved = false;
@@ -41,6 +55,7 @@ struct LearnerOptions {
   QueryPlanOptions plan;
   PolicySearchOptions search;
   EvaluatorOptions rollout;
+  PilcoOptions pilco;
 };
 
 // One step on the real system. Observed values carry the observation noise; `next_state` of the
@@ -100,6 +115,8 @@ struct EpisodeRecord {
   double model_seconds = 0;
   double search_seconds = 0;
   double rollout_seconds = 0;  // of search_seconds: wall time of the rollouts, all threads
+  // Rollouts; by PILCO evaluations of value and gradient, and all else about rollouts and queries
+  // is 0, NaN or empty.
   std::int64_t evaluations = 0;
   std::int64_t gp_queries = 0;
   std::int64_t diverged = 0;
@@ -107,14 +124,14 @@ struct EpisodeRecord {
   double lane_fill = 0;
   // Of threads x rollout_seconds, what threads spent without a tile; NaN for a random episode.
   double idle_share = 0;
-  double predicted_return = 0;  // NaN for a random episode
+  double predicted_return = 0;  // NaN for a random episode; by PILCO the expected return
   double real_return = 0;
   bool solved = false;
   int steps = 0;                    // on the system: H if complete, else at least one
   std::string outcome = kComplete;  // or kDone, or kAborted + " at step 3: no answer ..."
   std::vector<double> policy;       // (P), empty for a random episode
-  // One an output (ModelOutputs), as jitter, plans and query_nanoseconds; empty for a random
-  // episode.
+  // One an output (ModelOutputs), as jitter, and plans and query_nanoseconds unless by PILCO; empty
+  // for a random episode.
   std::vector<Hyperparameters> hyperparameters;
   // Added to the diagonal of K, in units of signal_std^2; mostly 0 (gp_model.h).
   std::vector<double> jitter;
@@ -123,7 +140,7 @@ struct EpisodeRecord {
   int plan_changes = 0;  // outputs planned again during the search
   // ns of one query of mean and variance by these plans on one thread, measured after the search.
   std::vector<double> query_nanoseconds;
-  std::vector<RunRecord> runs;
+  std::vector<RunRecord> runs;       // of the search; by PILCO one a start, 0: from the last policy
   std::optional<PriorRecord> prior;  // of an episode with a model, if the task has a prior
   Platform platform;
 };
@@ -135,7 +152,7 @@ bool Aborted(const EpisodeRecord& record);
 std::vector<Variable> ModelOutputs(const Task& task, const LearnerOptions& options);
 
 // Wall time of the search's rollouts, all threads, a GP query in ns: policy, sampling and reward
-// are in it. NaN for a random episode.
+// are in it. NaN for an episode without rollouts.
 double RolloutNanosecondsPerQuery(const EpisodeRecord& record);
 
 // The exact model that a learnt episode's policy was searched on, one GP an output: that of the
@@ -149,22 +166,26 @@ struct LearnerState {
   std::vector<Transition> transitions;
 };
 
-// The Black-DROPS loop (paper Alg. 1). An episode depends only on (task, options except threads,
-// state, platform), so a run that stops between episodes and goes on ends with the same bits if two
-// conditions hold: all episodes run on one SIMD target and on one kernel family of OpenBLAS.
-// Records tell both; PlatformDifference (platform.h) compares them.
+// The Black-DROPS loop (paper Alg. 1), which is PILCO's too but for the search. An episode depends
+// only on (task, options except threads, state, platform), so a run that stops between episodes and
+// goes on ends with the same bits if two conditions hold: all episodes run on one SIMD target and
+// on one kernel family of OpenBLAS. Records tell both; PlatformDifference (platform.h) compares
+// them.
 class Learner {
  public:
   struct Callbacks {
     std::function<void(const std::string& phase)> phase;  // "model", "search", "execute"
     // `batch`: of the rollouts since the last call, a generation's.
     std::function<void(const PolicySearchProgress&, const EvaluatorStatistics& batch)> search;
+    // The same by PILCO, after every evaluation; from any thread, one call at a time.
+    std::function<void(const GradientSearchProgress&)> pilco;
     const std::atomic<bool>* stop = nullptr;
     RolloutHelpers* helpers = nullptr;  // that share in the search's rollouts, if any
   };
 
   // Throws InvalidInput if an option is out of range or the task is inconsistent, or if
-  // search.stop_lost_causes is on and rewards may leave [0, 1], as learnt ones may.
+  // search.stop_lost_causes is on and rewards may leave [0, 1], as learnt ones may, or as
+  // CheckPilco does (pilco_step.h).
   Learner(Task task, LearnerOptions options, LearnerState state = {});
 
   bool done() const;  // all episodes run, or solved with until_solved
@@ -179,6 +200,8 @@ class Learner {
   const Policy& policy() const { return *policy_; }
 
  private:
+  void LearnPolicy(const Callbacks& callbacks, EpisodeRecord* record) const;
+
   Task task_;
   LearnerOptions options_;
   LearnerState state_;

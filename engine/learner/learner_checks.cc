@@ -72,8 +72,8 @@ void CheckOutcome(const std::string& name, const EpisodeRecord& record, int hori
 }
 
 void CheckEpisode(const std::string& name, const EpisodeRecord& record, const Task& task,
-                  bool learn_reward, int n_parameters) {
-  const int n_outputs = record.random ? 0 : task.n_states() + (learn_reward ? 1 : 0);
+                  const LearnerOptions& options, int n_parameters) {
+  const int n_outputs = record.random ? 0 : task.n_states() + (options.learn_reward ? 1 : 0);
   CheckOutcome(name, record, task.horizon);
   CheckFinite(name + ".real_return", record.real_return);
   CheckEach(name + ".policy", record.policy, record.random ? 0 : n_parameters, CheckFinite);
@@ -85,7 +85,8 @@ void CheckEpisode(const std::string& name, const EpisodeRecord& record, const Ta
     CheckEach(name + ".prior.parameters", record.prior->parameters,
               static_cast<int>(task.prior->parameters().size()), CheckFinite);
   }
-  CheckSize(name + ".plans", record.plans.size(), n_outputs);
+  CheckSize(name + ".plans", record.plans.size(),
+            options.algorithm == Algorithm::kPilco ? 0 : n_outputs);
   CheckSize(name + ".query_nanoseconds", record.query_nanoseconds.size(), record.plans.size());
   for (std::size_t e = 0; e < record.hyperparameters.size(); ++e) {
     const std::string output = name + ".hyperparameters[" + std::to_string(e) + "]";
@@ -135,6 +136,12 @@ void CheckOptions(const LearnerOptions& options) {
   CheckRange("model.max_evaluations", options.model.max_evaluations, 1, 100000);
   CheckRange("prior.evaluations", options.prior.evaluations, 1, 10000);
   CheckNotNegative("rollout.sample_clamp", options.rollout.sample_clamp);
+  CheckRange("pilco.restarts", options.pilco.restarts, 0, 1000);
+  CheckRange("pilco.evaluations", options.pilco.evaluations, 1, 1000000);
+  if (!(options.pilco.start_std >= 0 && options.pilco.start_std <= 1000)) {
+    throw InvalidInput("pilco.start_std = " + FormatNumber(options.pilco.start_std) +
+                       ": must be in [0, 1000]");
+  }
 }
 
 void CheckTask(const Task& task) {
@@ -179,7 +186,7 @@ void CheckState(const Task& task, const LearnerOptions& options, int n_parameter
     const std::string name = "episodes[" + std::to_string(i) + "]";
     CheckEqual(name + ".episode", record.episode, static_cast<std::int64_t>(i) + 1);
     CheckEqual(name + ".random", record.random, record.episode <= options.random_episodes);
-    CheckEpisode(name, record, task, options.learn_reward, n_parameters);
+    CheckEpisode(name, record, task, options, n_parameters);
     n_transitions += record.steps;
   }
   CheckSize("transitions", state.transitions.size(), static_cast<std::size_t>(n_transitions));

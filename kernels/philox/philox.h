@@ -33,6 +33,7 @@ enum class StreamPurpose : std::uint32_t {
   kPlanProbe = 11,
   kPrediction = 12,
   kPriorRestart = 13,
+  kPilcoStart = 14,
 };
 
 // Key of the stream at `path` (at most 8 coordinates, e.g. {episode, run, generation}) under

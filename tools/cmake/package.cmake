@@ -21,15 +21,15 @@ set(rollout_headers
     engine/rollout/model_evaluator.h engine/rollout/policy.h engine/rollout/prior_pool.h
     engine/rollout/reward.h engine/rollout/rollout_parts.h
     engine/rollout/task.h engine/rollout/trajectories.h)
-set(pilco_headers engine/pilco/expected_return.h)
+set(pilco_headers engine/pilco/expected_return.h engine/pilco/gradient_search.h)
 set(search_headers
     engine/search/bipop.h engine/search/bounds.h engine/search/cma_es.h
     engine/search/diagonal_covariance.h engine/search/fitness_history.h
     engine/search/full_covariance.h engine/search/learning_rate.h engine/search/limited_memory.h
     engine/search/minimise.h engine/search/policy_search.h engine/search/strategy_parameters.h)
 set(learner_headers
-    engine/learner/directory_lock.h engine/learner/learner.h engine/learner/learnt_policy.h
-    engine/learner/platform.h engine/learner/rollout_helpers.h
+    engine/learner/algorithm.h engine/learner/directory_lock.h engine/learner/learner.h
+    engine/learner/learnt_policy.h engine/learner/platform.h engine/learner/rollout_helpers.h
     engine/learner/run_directory.h engine/learner/saved_policy.h)
 set(tasks_headers tasks/mujoco_system.h tasks/registry.h tasks/solved.h)
 

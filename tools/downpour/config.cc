@@ -206,6 +206,18 @@ void CheckOneTask(const std::vector<Setting>& settings) {
   }
 }
 
+// A setting that changes nothing would mislead. The settings must have been applied.
+void CheckUsed(Algorithm algorithm, const std::vector<Setting>& settings) {
+  for (const Setting& setting : settings) {
+    if (UsesSetting(algorithm, setting.key)) continue;
+    throw InvalidInput(
+        fmt::format("{}: {} = {}: must be left out with learn.algorithm = {}, which "
+                    "does not use it",
+                    setting.origin, setting.key, setting.text,
+                    kAlgorithmNames.at(static_cast<std::size_t>(algorithm))));
+  }
+}
+
 }  // namespace
 
 Setting FileSetting(const std::string& path, const std::string& key, const toml::node& node) {
@@ -306,6 +318,7 @@ ResolvedRun ResolveConfig(const std::vector<Setting>& settings) {
   RunConfig named;
   ApplySettings(ConfigFields(named), settings);
   CheckOneTask(settings);
+  CheckUsed(named.learner.algorithm, settings);
   if (named.task.empty()) {
     throw InvalidInput(fmt::format("no task given: must be one of {}, or a file NAME.toml",
                                    fmt::join(TaskNames(), ", ")));
@@ -323,6 +336,9 @@ ResolvedRun ResolveConfig(const std::vector<Setting>& settings) {
   search.restart_sigma = run.task.search_restart_sigma;
   search.restart_decades = run.task.search_restart_decades;
   run.config.learner.learn_reward = run.task.learn_reward;
+  if (named.learner.algorithm == Algorithm::kPilco) {
+    run.config.learner.policy.kind = PolicyKind::kGp;
+  }
   ApplySettings(ConfigFields(run.config), settings);
   run.config.mjcf = named.mjcf;
   run.config.preset = run.task.preset;

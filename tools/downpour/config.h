@@ -47,7 +47,7 @@ struct Field {
                             // is a flag that turns the default round.
   std::variant<bool*, int*, std::int64_t*, std::uint64_t*, double*, std::string*, RestartStrategy*,
                UncertaintyHandling*, CovarianceForm*, CommonRandomNumbers*, QueryBackend*,
-               PolicyKind*, Activation*, std::vector<int>*>
+               PolicyKind*, Activation*, Algorithm*, std::vector<int>*>
       target;
   double min = 0;  // numbers and lists of numbers only
   double max = 0;

@@ -42,6 +42,12 @@ std::vector<Field> RunFields(RunConfig& config) {
        .max = 1000,
        .description = "Noise std of every observed state variable, in its own unit; negative: the "
                       "task's own."},
+      {.key = "learn.algorithm",
+       .option = "--algorithm",
+       .target = &learner.algorithm,
+       .choices = {kAlgorithmNames.begin(), kAlgorithmNames.end()},
+       .description = "black-drops: CMA-ES on rollouts of the model; pilco: gradients of the "
+                      "expected return (docs/pilco.md)."},
       {.key = "learn.episodes",
        .option = "--episodes",
        .target = &learner.episodes,
@@ -81,8 +87,8 @@ std::vector<Field> RunFields(RunConfig& config) {
        .option = "--policy",
        .target = &learner.policy.kind,
        .choices = {kPolicyKindNames.begin(), kPolicyKindNames.end()},
-       .description = "nn: neural network; linear: squashed; gp: Gaussian process; dmp: movement "
-                      "primitives, open-loop."},
+       .description = "nn: neural network; linear: squashed; gp: Gaussian process (PILCO's "
+                      "default); dmp: movement primitives, open-loop."},
       {.key = "policy.hidden_units",
        .option = "--hidden",
        .target = &learner.policy.hidden_units,
@@ -271,6 +277,30 @@ std::vector<Field> RolloutFields(EvaluatorOptions& rollout) {
   };
 }
 
+std::vector<Field> PilcoFields(PilcoOptions& pilco) {
+  return {
+      {.key = "pilco.restarts",
+       .option = "",
+       .target = &pilco.restarts,
+       .min = 0,
+       .max = 1000,
+       .description = "Random starts of PILCO's search besides the last policy."},
+      {.key = "pilco.evaluations",
+       .option = "",
+       .target = &pilco.evaluations,
+       .min = 1,
+       .max = 1e6,
+       .description = "Evaluations of value and gradient that a start may take."},
+      {.key = "pilco.start_std",
+       .option = "",
+       .target = &pilco.start_std,
+       .min = 0,
+       .max = 1000,
+       .description = "Std of every state variable at the start, as the model has it, in its own "
+                      "unit."},
+  };
+}
+
 std::vector<Field> SystemFields(SystemConfig& system) {
   return {
       {.key = "system.program",
@@ -368,8 +398,12 @@ std::vector<Field> ConfigFields(RunConfig& config) {
   std::vector<Field> fields = RunFields(config);
   for (const auto& part :
        {SearchFields(config.learner.search), RolloutFields(config.learner.rollout),
-        SystemFields(config.system), PriorFields(config), OutputFields(config)}) {
+        PilcoFields(config.learner.pilco), SystemFields(config.system), PriorFields(config),
+        OutputFields(config)}) {
     fields.insert(fields.end(), part.begin(), part.end());
+  }
+  for (Field& field : fields) {
+    field.saved = field.saved && UsesSetting(config.learner.algorithm, field.key);
   }
   return fields;
 }

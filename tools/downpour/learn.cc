@@ -249,6 +249,7 @@ void RunToTheEnd(OpenRun* run, MpiWorld* world) {
   callbacks.search = [&](const PolicySearchProgress& search, const EvaluatorStatistics& batch) {
     progress.Search(search, batch, threads);
   };
+  callbacks.pilco = [&](const GradientSearchProgress& search) { progress.Search(search); };
   callbacks.stop = &StopRequested();
   while (!learner.done()) {
     const EpisodeRecord& record = RunEpisode(callbacks, &learner);

@@ -82,9 +82,9 @@ std::string JsonLine(const EpisodeRecord& record) {
   return line.dump() + "\n";
 }
 
-std::string TableHeader() {
-  return fmt::format(kRow, "episode", "robot", "points", "model", "search", "rollouts",
-                     "GP queries", "predicted", "return", "solved");
+std::string TableHeader(bool pilco) {
+  return fmt::format(kRow, "episode", "robot", "points", "model", "search",
+                     pilco ? "values" : "rollouts", "GP queries", "predicted", "return", "solved");
 }
 
 std::string TableRow(const EpisodeRecord& record) {
@@ -96,14 +96,17 @@ std::string TableRow(const EpisodeRecord& record) {
                        real_return, solved);
   }
   const double rate = static_cast<double>(record.gp_queries) / record.search_seconds;
+  const std::string queries =
+      record.gp_queries == 0
+          ? "-"
+          : fmt::format("{} {:>6}", CountText(static_cast<double>(record.gp_queries)),
+                        CountText(rate) + "/s");
   return fmt::format(kRow, record.episode, interaction, record.points,
                      SecondsText(record.model_seconds), SecondsText(record.search_seconds),
                      record.evaluations < 1000000
                          ? Thousands(record.evaluations)
                          : CountText(static_cast<double>(record.evaluations)),
-                     fmt::format("{} {:>6}", CountText(static_cast<double>(record.gp_queries)),
-                                 CountText(rate) + "/s"),
-                     fmt::format("{:.2f}", record.predicted_return), real_return, solved);
+                     queries, fmt::format("{:.2f}", record.predicted_return), real_return, solved);
 }
 
 // One line that names the outputs whose K took jitter; "" if there are none.
@@ -119,8 +122,8 @@ std::string JitterText(const std::vector<Variable>& outputs, const EpisodeRecord
                      record.episode, listed);
 }
 
-// One line that tells with how many points the rollouts queried each output; "" for a random
-// episode.
+// One line that tells with how many points the rollouts queried each output; "" where there were
+// none.
 std::string PlanText(const EpisodeRecord& record) {
   std::string outputs;
   for (const PlanRecord& plan : record.plans) {
@@ -157,9 +160,9 @@ std::string OutcomeText(const Task& task, const EpisodeRecord& record) {
                      record.outcome);
 }
 
-// One line that tells what the queries cost; "" for a random episode.
+// One line that tells what the queries cost; "" where there were none.
 std::string QueryTimeText(const EpisodeRecord& record) {
-  if (record.random) return "";
+  if (record.gp_queries == 0) return "";
   std::string outputs;
   for (const double nanoseconds : record.query_nanoseconds) {
     outputs += fmt::format("{}{:.0f}", outputs.empty() ? "" : ", ", nanoseconds);
@@ -230,6 +233,7 @@ Progress::Progress(const RunConfig& config)
     : robot_(config.system.program),
       quiet_(config.quiet),
       json_(config.json),
+      pilco_(config.learner.algorithm == Algorithm::kPilco),
       terminal_(isatty(STDERR_FILENO) != 0) {}
 
 Progress::~Progress() { ClearLive(); }
@@ -270,7 +274,7 @@ void Progress::Start(const Learner& learner, const std::string& directory) {
       directory));
   if (!robot_.empty()) Line(fmt::format("the real system is {}", robot_));
   if (quiet_ || json_) return;
-  WriteOutput(TableHeader());
+  WriteOutput(TableHeader(pilco_));
 }
 
 void Progress::Phase(const Learner& learner, const std::string& phase) {
@@ -286,25 +290,42 @@ void Progress::Phase(const Learner& learner, const std::string& phase) {
   }
 }
 
-void Progress::Search(const PolicySearchProgress& progress, const EvaluatorStatistics& batch,
-                      int threads) {
+bool Progress::SearchDue() {
   const Clock::time_point now = Clock::now();
   const bool due =
       terminal_ ? now - last_search_ >= kLivePeriod : now - last_search_ >= kPlainPeriod;
-  if (quiet_ || !due) return;
+  if (quiet_ || !due) return false;
   last_search_ = now;
-  const double share = std::min(
-      1.0, static_cast<double>(progress.evaluations) / static_cast<double>(progress.budget));
-  const double eta = Seconds(now - search_start_) * (1 - share) / std::max(share, 1e-6);
+  return true;
+}
+
+void Progress::Search(const PolicySearchProgress& progress, const EvaluatorStatistics& batch,
+                      int threads) {
+  if (!SearchDue()) return;
+  SearchLine(
+      static_cast<double>(progress.evaluations) / static_cast<double>(progress.budget),
+      {fmt::format("{}/{} rollouts", Thousands(progress.evaluations), Thousands(progress.budget)),
+       fmt::format("run {}", progress.runs_started),
+       fmt::format("best {:.2f}", progress.best_return),
+       fmt::format("mean {:.2f}", progress.mean_return),
+       fmt::format("lanes {:.0f} % full", 100 * batch.LaneFill()),
+       fmt::format("threads {:.0f} % idle", 100 * batch.IdleShare(threads))});
+}
+
+void Progress::Search(const GradientSearchProgress& progress) {
+  if (!SearchDue()) return;
+  SearchLine(
+      static_cast<double>(progress.evaluations) / static_cast<double>(progress.budget),
+      {fmt::format("{}/{} values", Thousands(progress.evaluations), Thousands(progress.budget)),
+       fmt::format("{} starts done", progress.starts_done),
+       fmt::format("best {:.2f}", progress.best_value)});
+}
+
+void Progress::SearchLine(double share, const std::vector<std::string>& figures) {
+  share = std::min(share, 1.0);
+  const double eta = Seconds(last_search_ - search_start_) * (1 - share) / std::max(share, 1e-6);
   const std::string start = fmt::format("episode {}: search ", episode_);
   const std::string left = fmt::format("{:3.0f} %  {:.0f} s left", 100 * share, eta);
-  const std::vector<std::string> figures = {
-      fmt::format("{}/{} rollouts", Thousands(progress.evaluations), Thousands(progress.budget)),
-      fmt::format("run {}", progress.runs_started),
-      fmt::format("best {:.2f}", progress.best_return),
-      fmt::format("mean {:.2f}", progress.mean_return),
-      fmt::format("lanes {:.0f} % full", 100 * batch.LaneFill()),
-      fmt::format("threads {:.0f} % idle", 100 * batch.IdleShare(threads))};
   if (!terminal_) return Line(fmt::format("{}{}  {}", start, left, fmt::join(figures, "  ")));
   Live(FittedLine(start, share, left, figures, LiveWidth()));
 }

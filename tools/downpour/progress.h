@@ -23,6 +23,7 @@ class Progress {
   // Learner::Callbacks.
   void Phase(const Learner& learner, const std::string& phase);
   void Search(const PolicySearchProgress& progress, const EvaluatorStatistics& batch, int threads);
+  void Search(const GradientSearchProgress& progress);
   // Throws FileError if standard output cannot be written.
   void Episode(const Learner& learner, const EpisodeRecord& record);
   void Finish(const Learner& learner, const std::string& directory);
@@ -33,10 +34,13 @@ class Progress {
   void Live(const std::string& text);  // a line that the next one replaces
   void Step(const std::string& text);  // a live line, or a plain one if there is no terminal
   void ClearLive();
+  bool SearchDue();  // whether it is time for another line about the search
+  void SearchLine(double share, const std::vector<std::string>& figures);
 
   std::string robot_;  // RunConfig::system.program
   bool quiet_;
   bool json_;
+  bool pilco_;         // LearnerOptions::algorithm
   bool terminal_;      // standard error is one
   bool live_ = false;  // a live line is on the screen
   int episode_ = 0;
