@@ -2,6 +2,7 @@
 #include "engine/learner/pilco_step.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -77,7 +78,9 @@ void SearchByMomentMatching(const Task& task, const LearnerOptions& options,
     const auto objective =
         std::make_shared<ExpectedReturn>(planned, options.policy, model, threads_of_a_start);
     return [objective](std::span<const double> parameters, std::span<double> gradient) {
-      return objective->Evaluate(parameters, gradient);
+      const double expected = objective->Evaluate(parameters, gradient);
+      for (double& slope : gradient) slope /= expected;
+      return std::log(expected);  // NaN of a chain that broke off
     };
   };
   GradientSearchResult result = SearchByGradient(
@@ -89,10 +92,10 @@ void SearchByMomentMatching(const Task& task, const LearnerOptions& options,
     record->runs.push_back({.run = warm ? i : i + 1,
                             .evaluations = run.evaluations,
                             .stop = run.stop,
-                            .mean_return = run.value});
+                            .mean_return = std::exp(run.value)});
     record->evaluations += run.evaluations;
   }
-  record->predicted_return = result.runs[result.best].value;
+  record->predicted_return = std::exp(result.runs[result.best].value);
   record->policy = std::move(result.runs[result.best].parameters);
 }
 

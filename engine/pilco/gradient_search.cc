@@ -17,7 +17,7 @@
 namespace downpour {
 namespace {
 
-// Relative change of the value below which a start has converged.
+// Change of the value below which a start has converged.
 constexpr double kTolerance = 1e-6;
 
 // What the starts report to, one at a time.
@@ -116,7 +116,7 @@ GradientSearchRun Maximise(const GradientSearchOptions& options, std::vector<dou
   nlopt_set_lower_bounds1(optimiser.get(), -options.bound);
   nlopt_set_upper_bounds1(optimiser.get(), options.bound);
   nlopt_set_maxeval(optimiser.get(), options.evaluations);
-  nlopt_set_ftol_rel(optimiser.get(), kTolerance);
+  nlopt_set_ftol_abs(optimiser.get(), kTolerance);
   nlopt_set_min_objective(optimiser.get(), Objective, &search);
   double minimum = 0;
   search.run.stop = StopName(nlopt_optimize(optimiser.get(), start.data(), &minimum));
