@@ -319,7 +319,9 @@ def success_table(page, tasks):
                 numbers.append((task, name, len(seconds), solved, v.episodes, v.paper_rate()))
         rows.append(row)
     pilco = [PAPER.get(task, {}).get("pilco_rate") for task in tasks]
-    if any(pilco):
+    beside_ours = [any(v.is_pilco() and v.paper_rate() for v in variants)
+                   for variants in tasks.values()]
+    if any(rate and not shown for rate, shown in zip(pilco, beside_ours)):
         rows.append(["PILCO", *itertools.chain(*(("–", rate_text(rate)) for rate in pilco))])
     budgets = ", ".join(f"{task} {max(v.episodes for v in variants)}"
                         for task, variants in tasks.items())

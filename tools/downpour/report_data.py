@@ -57,10 +57,17 @@ class Variant:
         self.settings, self.runs = settings, []
         self.n_left_out = 0
 
+    def is_pilco(self):
+        """Of the paper's setting: its GP policy."""
+        return (self.settings.get("learn.algorithm") == '"pilco"' and
+                self.settings.get("policy.kind") == '"gp"')
+
     def paper_rate(self):
         """Of Table I; None where it has nothing that corresponds."""
         if self.settings.get("preset") != '"paper"':
             return None
+        if self.is_pilco():
+            return PAPER.get(self.task, {}).get("pilco_rate")
         if self.settings.get("policy.hidden_units", "[10]") != "[10]":
             return None
         kind = self.settings.get("policy.kind", "").strip('"')
