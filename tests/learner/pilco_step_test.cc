@@ -17,24 +17,13 @@ namespace {
 
 // Runs in well under a second an episode.
 LearnerOptions TinyPilco() {
-  LearnerOptions options;
+  LearnerOptions options = TinyOptions();
   options.algorithm = Algorithm::kPilco;
   options.policy.kind = PolicyKind::kGp;
   options.policy.points = 4;
-  options.episodes = 4;
-  options.seed = 5;
-  options.threads = 2;
-  options.model.max_evaluations = 30;
   options.pilco.evaluations = 12;
   options.pilco.restarts = 2;
   return options;
-}
-
-LearnerState Run(const Task& task, const LearnerOptions& options, LearnerState state = {},
-                 std::size_t episodes = 1000) {
-  Learner learner(task, options, std::move(state));
-  while (!learner.done() && learner.state().episodes.size() < episodes) learner.RunEpisode({});
-  return learner.state();
 }
 
 TEST_CASE("PILCO: a run stopped after an episode and resumed from a file ends with the same bits") {

@@ -120,7 +120,7 @@ def config_files():
     refuse_text("an unknown table, though empty", "\n[serch]\n", ":2: ", "unknown table serch; ",
                 "did you mean search?")
     refuse_text("an empty table far from any", "[x]\n", ":1: ", "unknown table x; ",
-                "allowed: learn, policy, model, search, rollout, system, prior, output")
+                "allowed: learn, policy, model, search, rollout, pilco, system, prior, output")
     for line, allowed in [("bound = nan", "a number in (0, 1000000]"),
                           ("bound = inf", "a number in (0, 1000000]"),
                           ("bound = 0.0", "a number in (0, 1000000]"),
