@@ -102,6 +102,19 @@ TEST_CASE("PILCO: the record tells evaluations and starts, and has neither queri
   CHECK(PlansCsv(task.states, state).find('\n') == PlansCsv(task.states, state).size() - 1);
 }
 
+TEST_CASE("PILCO: the search starts at the last policy, too") {
+  const Task task = PointMassTask();
+  LearnerOptions options = TinyPilco();
+  options.pilco.restarts = 0;
+  options.episodes = 3;
+  const LearnerState state = Run(task, options, {}, 2);
+  const EpisodeRecord next = Run(task, options, state).episodes[2];
+  CHECK(next.runs.size() == 1);
+  LearnerState other = state;
+  other.episodes.back().policy[0] += 0.1;
+  CHECK_FALSE(SameBits(Run(task, options, other).episodes[2].policy, next.policy));
+}
+
 TEST_CASE("PILCO: a policy is predicted by rollouts, too") {
   const Task task = PointMassTask();
   const LearnerOptions options = TinyPilco();
