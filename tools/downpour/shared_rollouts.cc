@@ -99,6 +99,11 @@ Slice Cut(const CandidateBatch& batch, int first, int last) {
 }  // namespace
 
 void CheckShareable(const RunConfig& config) {
+  if (config.learner.algorithm == Algorithm::kPilco) {
+    throw InvalidInput(
+        "learn.algorithm = pilco: must be black-drops with several processes, which share "
+        "rollouts");
+  }
   if (config.learner.search.stop_lost_causes) {
     throw InvalidInput(
         "search.stop_lost_causes = true: must be false with several processes, each of which sees "
