@@ -66,7 +66,7 @@ std::string TimingCsv(const std::vector<Variable>& outputs, const LearnerState& 
   AppendRow(header, &csv);
   for (const EpisodeRecord& record : state.episodes) {
     const auto queries = static_cast<double>(record.gp_queries);
-    const double rate = record.search_seconds > 0 ? queries / record.search_seconds : kNaN;
+    const double rate = record.gp_queries > 0 ? queries / record.search_seconds : kNaN;
     std::vector<std::string> row = {std::to_string(record.episode),
                                     CsvField(record.model_seconds),
                                     CsvField(record.search_seconds),

@@ -83,9 +83,13 @@ void SearchByMomentMatching(const Task& task, const LearnerOptions& options,
       return std::log(expected);  // NaN of a chain that broke off
     };
   };
+  const auto progress = [&](GradientSearchProgress search) {
+    search.best_value = std::exp(search.best_value);
+    if (callbacks.pilco) callbacks.pilco(search);
+  };
   GradientSearchResult result = SearchByGradient(
       {.bound = options.search.bound, .evaluations = options.pilco.evaluations, .threads = threads},
-      starts, make_objective, callbacks.pilco, callbacks.stop);
+      starts, make_objective, progress, callbacks.stop);
   const bool warm = LastLearnt(state) != nullptr;
   for (int i = 0; i < n_starts; ++i) {
     const GradientSearchRun& run = result.runs[i];

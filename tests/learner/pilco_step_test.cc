@@ -151,6 +151,15 @@ TEST_CASE("PILCO: stop ends the search, the state is as it was") {
   CHECK(learner.state().episodes.size() == 1);
 }
 
+TEST_CASE("PILCO: progress ends with the expected return of the record") {
+  Learner learner(PointMassTask(), TinyPilco());
+  learner.RunEpisode({});
+  double best = 0;
+  Learner::Callbacks callbacks;
+  callbacks.pilco = [&](const GradientSearchProgress& progress) { best = progress.best_value; };
+  CHECK(learner.RunEpisode(callbacks).predicted_return == best);
+}
+
 TEST_CASE("PILCO: what it has no closed form for is refused") {
   const auto error = [](const std::function<void(LearnerOptions&, Task&)>& change) {
     LearnerOptions options = TinyPilco();
