@@ -27,7 +27,8 @@ struct StateDistribution {
 // measurement: diag(sigma_n^2 / 2) is added to the state's covariance before the features that it
 // sees are taken, half of the learnt noise variances because a target is the difference of two
 // measurements. The model and the reward see the state itself; how state and action go together is
-// taken as cov(features) E[du/dfeatures].
+// taken as cov(features) E[du/dfeatures]. The authors' program did so up to its version 0.9; its
+// last change (19 July 2016) left the measurement noise out.
 //
 // Covariances are symmetrised at every step and never inverted, so that singular ones (a start
 // without spread, a feature that repeats another) are ordinary inputs; eigenvalues that rounding
