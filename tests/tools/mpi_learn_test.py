@@ -57,6 +57,7 @@ def refused():
             (["--set", "search.stop_lost_causes=true"], "search.stop_lost_causes = true: must be "
              "false with several processes"),
             (["--backend", "blas"], "model.backend = blas: must be fused with several processes"),
+            (["--algorithm", "pilco"], "learn.algorithm = pilco: must be black-drops with several"),
             (["--evaluation", "9"], "unknown option --evaluation"),
             (["--seed", "-1"], "--seed")):
         path = scratch / "refused"
