@@ -38,8 +38,8 @@ TEST_CASE("bandwidth: rates are possible for one core") {
     const AlignedVector<double> data(n, 1.0);
     const double rate = ReadBandwidth(data.data(), n, 0.01);
     CAPTURE(n);
-    CHECK(rate > 0.1);
-    CHECK(rate < 2000);  // 2 loads of 64 bytes a cycle x 15 GHz
+    CHECK(rate > 0.001);  // one value in 8 us: a call without its vector kernel on a slow machine
+    CHECK(rate < 2000);   // 2 loads of 64 bytes a cycle x 15 GHz
   }
 }
 

@@ -18,15 +18,29 @@ def mpirun_words(n, *arguments, options=()):
     return ["mpirun", *options, "-n", str(n), PROGRAM, *map(str, arguments)]
 
 
+PATIENCE = 300  # seconds; processes that wait for each other fail the test instead of hanging it
+
+
 def mpirun(n, *arguments, options=()):
-    return subprocess.run(mpirun_words(n, *arguments, options=options), capture_output=True,
-                          text=True, env=ENVIRONMENT, stdin=subprocess.DEVNULL)
+    process = start_mpirun(n, *arguments, options=options)
+    output, error = ended(process)
+    return subprocess.CompletedProcess(process.args, process.returncode, output, error)
 
 
 def start_mpirun(n, *arguments, options=()):
     return subprocess.Popen(mpirun_words(n, *arguments, options=options), env=ENVIRONMENT,
                             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                             stderr=subprocess.PIPE, text=True)
+
+
+def ended(process):
+    """What it said, when it has ended."""
+    try:
+        return process.communicate(timeout=PATIENCE)
+    except subprocess.TimeoutExpired:
+        process.terminate()  # mpirun ends the others
+        output, error = process.communicate()
+        return output, f"{error}killed after {PATIENCE} s\n"
 
 
 def process_of(rank, word):

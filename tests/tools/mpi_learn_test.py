@@ -6,7 +6,7 @@ import signal
 import time
 
 from command import TINY, Claims, downpour, learn, results, scratch_directory
-from mpi import mpirun, process_of, said, start_mpirun
+from mpi import ended, mpirun, process_of, said, start_mpirun
 
 claims = Claims()
 scratch = scratch_directory()
@@ -42,7 +42,7 @@ def lost_rank():
     while not (path / "policy_2.json").exists() and process.poll() is None:
         time.sleep(0.01)
     os.kill(process_of(1, path), signal.SIGKILL)
-    _, error = process.communicate()
+    _, error = ended(process)
     told = [line for line in error.splitlines() if line.startswith("downpour: ")]
     claims.check("a lost rank ends the run with what is kept and how to go on",
                  process.returncode != 0 and len(told) == 1 and "go on with: " in told[0] and

@@ -8,7 +8,7 @@ import sqlite3
 import time
 
 from command import Claims, downpour, results, scratch_directory
-from mpi import mpirun, process_of, start_mpirun
+from mpi import ended, mpirun, process_of, start_mpirun
 
 claims = Claims()
 scratch = scratch_directory()
@@ -83,7 +83,7 @@ def kill_rank_1(path, *options):
         if process.poll() is not None:
             break
     os.kill(process_of(1, path), signal.SIGKILL)
-    output, error = process.communicate()
+    output, error = ended(process)
     return process.returncode, output, error
 
 

@@ -6,6 +6,7 @@
 #define OMPI_SKIP_MPICXX
 #define MPICH_SKIP_MPICXX
 #include <mpi.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <csignal>
@@ -23,7 +24,8 @@ namespace {
 
 enum Tag { kData, kEnd, kBye };
 
-// How long rank 0 waits for the helpers' ends; mpirun gives a second to a job that it ends.
+// How long rank 0 waits for the helpers' ends, and all for MPI's; mpirun gives a second to a job
+// that it ends.
 constexpr std::chrono::milliseconds kPatience(20000), kStoppedPatience(300);
 
 void Check(int code, const char* what) {
@@ -49,6 +51,7 @@ struct MpiWorld::State {
   std::list<Outgoing> outgoing;
   std::list<Incoming> incoming;  // as they came
   std::vector<bool> gone;        // said bye, or given up
+  bool complete = true;          // nobody was given up
 
   // Lets go of what has been sent.
   void Reap() {
@@ -125,7 +128,9 @@ MpiWorld::~MpiWorld() {
   if (state_ == nullptr) return;
   try {
     // Also those given up: they may live.
-    for (int r = 1; rank_ == 0 && r < size_; ++r) state_->Send(r, kEnd, {});
+    for (int r = 1; rank_ == 0 && r < size_; ++r) {
+      state_->Send(r, kEnd, {static_cast<char>(state_->complete)});
+    }
     if (rank_ > 0) state_->Send(0, kBye, {});
     const auto start = std::chrono::steady_clock::now();
     Pause pause;
@@ -137,8 +142,12 @@ MpiWorld::~MpiWorld() {
     }
   } catch (const std::exception&) {  // without a connection there is nobody to say goodbye to
   }
-  // It would wait for a helper that is not gone, or for an mpirun that is ending the job.
-  if (rank_ > 0 || (state_->AllGone() && !StopRequested())) MPI_Finalize();
+  // It waits for all ranks, also for one that is lost or that an mpirun is ending.
+  if (state_->complete && (rank_ > 0 || (state_->AllGone() && !StopRequested()))) {
+    alarm(kPatience.count() / 1000);  // the end of this process, if another is lost only now
+    MPI_Finalize();
+    alarm(0);
+  }
   delete state_;
 }
 
@@ -150,13 +159,19 @@ std::optional<MpiMessage> MpiWorld::Poll() {
   state_->StartReceiving();
   while (std::optional<State::Incoming> next = state_->NextReceived()) {
     if (next->tag == kData) return std::move(next->message);
-    if (next->tag == kEnd) ended_ = true;
+    if (next->tag == kEnd) {
+      ended_ = true;
+      state_->complete = next->message.bytes.at(0) != 0;
+    }
     if (next->tag == kBye) state_->gone[next->message.rank] = true;
   }
   return std::nullopt;
 }
 
-void MpiWorld::GiveUp(int rank) { state_->gone[rank] = true; }
+void MpiWorld::GiveUp(int rank) {
+  state_->gone[rank] = true;
+  state_->complete = false;
+}
 
 bool TellsCommandLineErrors() { return LaunchedRank() == 0; }
 

@@ -30,9 +30,7 @@ constexpr int kPollMilliseconds = 20;
 
 }  // namespace
 
-StudyRanks::StudyRanks(MpiWorld* world) : world_(world), helpers_(world->size()) {
-  for (Helper& helper : helpers_) helper.heard = Clock::now();
-}
+StudyRanks::StudyRanks(MpiWorld* world) : world_(world), helpers_(world->size()) {}
 
 std::vector<int> StudyRanks::Helpers() const {
   std::vector<int> ranks;
@@ -89,9 +87,13 @@ void StudyRanks::Read(const MpiMessage& message, std::vector<News>* news) {
 std::vector<StudyRanks::News> StudyRanks::Poll() {
   std::vector<News> news;
   while (const std::optional<MpiMessage> message = world_->Poll()) Read(*message, &news);
+  const Clock::time_point now = Clock::now();
+  const bool listened = now - polled_ < kHeartbeat;
+  polled_ = now;
   for (const int rank : Helpers()) {
     Helper& helper = helpers_[rank];
-    if (Clock::now() - helper.heard < kSilence) continue;
+    if (!listened) helper.heard = now;  // the silence was ours
+    if (now - helper.heard < kSilence) continue;
     helper.lost = true;
     world_->GiveUp(rank);
     for (const Run& run : std::exchange(helper.runs, {})) {

@@ -52,6 +52,7 @@ class StudyRanks {
   void Read(const MpiMessage& message, std::vector<News>* news);
   MpiWorld* world_;
   std::vector<Helper> helpers_;  // [rank], that of rank 0 unused
+  Clock::time_point polled_;
 };
 
 // The other ranks' side, until rank 0 ends it.
