@@ -226,9 +226,10 @@ void PrintPart(const char* name, double seconds, double search_seconds) {
 }
 
 void Print(const Episode& episode, const SampleTimes& times, int threads) {
-  static constexpr const char* kNames[kRolloutParts] = {
-      "packing of tiles", "policy",   "GP queries", "sampling (Philox)",
-      "transition",       "features", "reward"};
+  static constexpr const char* kNames[] = {
+      "packing of tiles",  "policy",     "GP queries", "prior",
+      "sampling (Philox)", "transition", "features",   "reward"};
+  static_assert(std::size(kNames) == kRolloutParts);
   const EvaluatorStatistics& s = episode.statistics;
   const auto queries = static_cast<double>(s.gp_queries);
   std::printf(

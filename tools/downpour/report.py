@@ -95,7 +95,8 @@ class TaskReport:
 
     def mark_paper(self, axes, x):
         axes.axvline(x, color=PAPER_COLOUR, lw=1, ls=":")
-        right = x < np.mean(axes.get_xlim())
+        low, high = axes.get_xlim()
+        right = x < low + 0.7 * (high - low)
         axes.annotate(self.paper["seconds_text"], (x, 1.0), (4 if right else -4, 0),
                       xycoords=axes.get_xaxis_transform(), textcoords="offset points", fontsize=7,
                       color=PAPER_COLOUR, va="top", ha="left" if right else "right")
