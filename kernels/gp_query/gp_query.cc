@@ -34,27 +34,42 @@ HWY_INLINE void ForEachGroup(int vectors, const Body& body) {
   if (vectors - first == 1) body(std::integral_constant<int, 1>(), first);
 }
 
+// The groups that `vectors` vectors are cut into.
+constexpr int GroupCount(int vectors) { return (vectors + 2) / 3; }
+
+// Elements that a group fetches of the chunk that follows at a pair of columns.
+constexpr int FetchShare(int n_groups) { return (2 * kRowBlock + n_groups - 1) / n_groups; }
+
+// Whether a group makes two fetches at a pair of columns: one group of double has two lines of the
+// triangle to fetch, and e leaves the second-level cache beside a triangle that is many times
+// larger.
+template <typename T>
+HWY_INLINE bool FetchesTwo(const GpFactorT<T>& f, int vectors) {
+  const std::size_t bytes = f.triangle.size() * sizeof(T);
+  return FetchShare(GroupCount(vectors)) * sizeof(T) > 64 || bytes > (std::size_t{8} << 20);
+}
+
 // What the group of kWidth vectors from `first` on fetches during a chunk, evenly: its share of the
 // chunk that follows, and its own part of e for that chunk.
 template <int kWidth, typename T>
 HWY_INLINE void PlanFetches(const TriangleChunk& chunk, const T* next_chunk, const T* e, int first,
                             int vectors, Fetch<T> (&fetch)[2]) {
   const int lanes = kWidth * static_cast<int>(hn::Lanes(hn::ScalableTag<T>()));
-  const int n_groups = (vectors + 2) / 3, group = (first + 2) / 3;
-  const int share = (2 * kRowBlock + n_groups - 1) / n_groups;  // elements at a pair of columns
+  const int n_groups = GroupCount(vectors), group = GroupCount(first);
+  const int share = FetchShare(n_groups);
   const T* const from = next_chunk + chunk.size * group / n_groups;
   if (share * sizeof(T) <= 64) {
     const int column = chunk.end_column < chunk.end_row ? chunk.end_column : 0;
     fetch[0] = {from, share};
     fetch[1] = {e + column * lanes, 2 * kRowBlock * lanes / kChunkRows};
-  } else {  // one group of double has two lines to fetch
+  } else {
     fetch[0] = {from, share / 2};
     fetch[1] = {from + chunk.size / 2, share / 2};
   }
 }
 
 // Adds a chunk's panels for the group of kWidth vectors from `first` on.
-template <int kWidth, typename T>
+template <int kWidth, int kFetches, typename T>
 HWY_INLINE void AddChunk(const GpFactorT<T>& f, const TriangleChunk& chunk, const Group<T>& group,
                          int first, int vectors) {
   const std::size_t lanes = kWidth * hn::Lanes(hn::ScalableTag<T>());
@@ -63,10 +78,10 @@ HWY_INLINE void AddChunk(const GpFactorT<T>& f, const TriangleChunk& chunk, cons
   PlanFetches<kWidth>(chunk, w + chunk.size, group.e, first, vectors, fetch);
   for (int row = chunk.row; row < chunk.end_row; row += kRowBlock) {
     const int n_columns = chunk.Columns(row);
-    const bool ends_rows = row > 0 && chunk.column + n_columns == row + kRowBlock;
-    AddPanel<kWidth>(w, n_columns, chunk.column == 0, ends_rows, fetch,
-                     group.e + chunk.column * lanes, group.rows + (row - chunk.row) * lanes,
-                     group.variance);
+    const bool diagonal = chunk.column + n_columns == row + kRowBlock;
+    AddPanel<kWidth, kFetches>(
+        w, n_columns, chunk.column == 0, diagonal, fetch, group.e + chunk.column * lanes,
+        group.rows + (row - chunk.row) * lanes, row > 0 ? group.variance : nullptr);
     if (row == 0) {
       const hn::ScalableTag<double> d;
       StartVariance(d, f.signal_variance, group, static_cast<int>(lanes));
@@ -92,9 +107,15 @@ void QueryTile(const GpFactorT<T>& f, int n_lanes, const double* HWY_RESTRICT x,
     CovariancesAndMean<width>(f, group.queries, group.e, group.mean);
   });
   if (variance != nullptr) {
+    const bool two_fetches = FetchesTwo(f, vectors);
     ForEachChunk(f.n_padded, [&](const TriangleChunk& chunk) {
       ForEachGroup(vectors, [&](auto width, int first) {
-        AddChunk<width>(f, chunk, group_at(width, first), first, vectors);
+        const Group<T> group = group_at(width, first);
+        if (two_fetches) {
+          AddChunk<width, 2>(f, chunk, group, first, vectors);
+        } else {
+          AddChunk<width, 1>(f, chunk, group, first, vectors);
+        }
       });
     });
   }
