@@ -40,13 +40,15 @@ constexpr int GroupCount(int vectors) { return (vectors + 2) / 3; }
 // Elements that a group fetches of the chunk that follows at a pair of columns.
 constexpr int FetchShare(int n_groups) { return (2 * kRowBlock + n_groups - 1) / n_groups; }
 
-// Whether a group makes two fetches at a pair of columns: one group of double has two lines of the
-// triangle to fetch, and e leaves the second-level cache beside a triangle that is many times
-// larger.
-template <typename T>
-HWY_INLINE bool FetchesTwo(const GpFactorT<T>& f, int vectors) {
-  const std::size_t bytes = f.triangle.size() * sizeof(T);
-  return FetchShare(GroupCount(vectors)) * sizeof(T) > 64 || bytes > (std::size_t{8} << 20);
+// Whether a group fetches all that it can. Groups of three vectors of 64 bytes need less while the
+// triangle is not much larger than the second-level cache: the processor's own fetching then costs
+// them 2 % of the cycles, but each fetch that is asked for takes power, which is clock: 4-6 % of
+// the time in all. One group alone has twice as much to fetch.
+template <int kWidth, typename T>
+HWY_INLINE bool FetchesAll(const GpFactorT<T>& f, int vectors) {
+  const std::size_t mebibytes = (f.triangle.size() * sizeof(T)) >> 20;
+  return !kManyRegisters || kWidth < 3 || mebibytes >= 8 ||
+         FetchShare(GroupCount(vectors)) * sizeof(T) > 64;
 }
 
 // What the group of kWidth vectors from `first` on fetches during a chunk, evenly: its share of the
@@ -69,7 +71,7 @@ HWY_INLINE void PlanFetches(const TriangleChunk& chunk, const T* next_chunk, con
 }
 
 // Adds a chunk's panels for the group of kWidth vectors from `first` on.
-template <int kWidth, int kFetches, typename T>
+template <int kWidth, bool kFetchAll, typename T>
 HWY_INLINE void AddChunk(const GpFactorT<T>& f, const TriangleChunk& chunk, const Group<T>& group,
                          int first, int vectors) {
   const std::size_t lanes = kWidth * hn::Lanes(hn::ScalableTag<T>());
@@ -79,7 +81,7 @@ HWY_INLINE void AddChunk(const GpFactorT<T>& f, const TriangleChunk& chunk, cons
   for (int row = chunk.row; row < chunk.end_row; row += kRowBlock) {
     const int n_columns = chunk.Columns(row);
     const bool diagonal = chunk.column + n_columns == row + kRowBlock;
-    AddPanel<kWidth, kFetches>(
+    AddPanel<kWidth, kFetchAll>(
         w, n_columns, chunk.column == 0, diagonal, fetch, group.e + chunk.column * lanes,
         group.rows + (row - chunk.row) * lanes, row > 0 ? group.variance : nullptr);
     if (row == 0) {
@@ -107,14 +109,13 @@ void QueryTile(const GpFactorT<T>& f, int n_lanes, const double* HWY_RESTRICT x,
     CovariancesAndMean<width>(f, group.queries, group.e, group.mean);
   });
   if (variance != nullptr) {
-    const bool two_fetches = FetchesTwo(f, vectors);
     ForEachChunk(f.n_padded, [&](const TriangleChunk& chunk) {
       ForEachGroup(vectors, [&](auto width, int first) {
         const Group<T> group = group_at(width, first);
-        if (two_fetches) {
-          AddChunk<width, 2>(f, chunk, group, first, vectors);
+        if (FetchesAll<width>(f, vectors)) {
+          AddChunk<width, true>(f, chunk, group, first, vectors);
         } else {
-          AddChunk<width, 1>(f, chunk, group, first, vectors);
+          AddChunk<width, false>(f, chunk, group, first, vectors);
         }
       });
     });

@@ -22,12 +22,6 @@ constexpr bool kManyRegisters = HWY_MAX_BYTES >= 64;
 template <int kWidth>
 constexpr int kRows = kManyRegisters || kWidth == 1 ? 8 : 4;
 
-// Whether a panel is brought into the first-level cache, line by line and 1 KiB ahead. With three
-// vectors of 64 bytes the processor's own fetching nearly does: asking spares 2 % of the cycles but
-// takes the power of another load a column, which lowers the clock by 4-8 %.
-template <int kWidth>
-constexpr bool kFetchesPanel = !kManyRegisters || kWidth < 3;
-
 // What is read next, brought into the second-level cache: a line at every `step` elements.
 template <typename T>
 struct Fetch {
@@ -61,7 +55,7 @@ HWY_INLINE void AddDiagonal(const T* HWY_RESTRICT wj, const T* HWY_RESTRICT ej,
 }
 
 // AddPanel for its rows from kPart on.
-template <int kWidth, int kFetches, int kPart = 0, typename T>
+template <int kWidth, bool kFetchAll, int kPart = 0, typename T>
 HWY_INLINE void AddPanelRows(const T* HWY_RESTRICT w, int n_columns, bool begins_rows,
                              bool diagonal, const Fetch<T> (&fetch)[2], const T* HWY_RESTRICT e,
                              T* HWY_RESTRICT rows, T* HWY_RESTRICT variance) {
@@ -82,10 +76,10 @@ HWY_INLINE void AddPanelRows(const T* HWY_RESTRICT w, int n_columns, bool begins
   for (int j = 0; j < n_full; j += 2) {
     HWY_UNROLL(2) for (int odd = 0; odd < 2; ++odd) {
       constexpr int kLine = 64 / sizeof(T);
-      if (kFetchesPanel<kWidth> && odd * kRowBlock % kLine == 0) {
+      if (kFetchAll && odd * kRowBlock % kLine == 0) {
         __builtin_prefetch(wj + odd * kRowBlock + 16 * kLine, 0, 3);
       }
-      if (odd < kFetches) {
+      if (kFetchAll || odd == 0) {
         __builtin_prefetch(next[odd], 0, 2);
         next[odd] += fetch[odd].step;
       }
@@ -110,15 +104,17 @@ HWY_INLINE void AddPanelRows(const T* HWY_RESTRICT w, int n_columns, bool begins
 
 // Adds a panel's n_columns columns, an even number, to its rows of W e. A panel that ends at the
 // diagonal completes them: their squares are taken from the variance unless that is nullptr. Makes
-// a step of each of kFetches fetches at every other column: a line needs more than one to come.
-template <int kWidth, int kFetches, typename T>
+// a step of the first fetch at every other column, as a line needs more than one to come. If
+// kFetchAll, also of the second, and brings the panel itself into the first-level cache, 1 KiB
+// ahead.
+template <int kWidth, bool kFetchAll, typename T>
 HWY_INLINE void AddPanel(const T* HWY_RESTRICT w, int n_columns, bool begins_rows, bool diagonal,
                          const Fetch<T> (&fetch)[2], const T* HWY_RESTRICT e, T* HWY_RESTRICT rows,
                          T* HWY_RESTRICT variance) {
-  AddPanelRows<kWidth, kFetches>(w, n_columns, begins_rows, diagonal, fetch, e, rows, variance);
+  AddPanelRows<kWidth, kFetchAll>(w, n_columns, begins_rows, diagonal, fetch, e, rows, variance);
   if constexpr (kRows<kWidth> < kRowBlock) {
-    AddPanelRows<kWidth, 0, kRows<kWidth>>(w, n_columns, begins_rows, diagonal, fetch, e, rows,
-                                           variance);
+    AddPanelRows<kWidth, kFetchAll, kRows<kWidth>>(w, n_columns, begins_rows, diagonal, fetch, e,
+                                                   rows, variance);
   }
 }
 
