@@ -4,7 +4,8 @@
 // calls and single precision make of it. As in rollouts, four outputs take turns, so that a factor
 // has left the nearer caches when its turn comes again. Names: variant/n/D/lanes; triangle_* is a
 // tile's variance without its covariances.
-// Counters, work counted as n (n + 8) operations a query: ns_per_query, queries_per_s, gflops,
+// Counters, work counted as n (n + 8) operations a query (the zeros that fill a block of eight rows
+// at the diagonal count, though the tile kernel skips them): ns_per_query, queries_per_s, gflops,
 // peak_fraction of the multiply-add peak of the same precision, measured around each run, and
 // over_floor, its inverse: time over n (n + 8)/peak. On a shared machine take the best of
 // interleaved repetitions:

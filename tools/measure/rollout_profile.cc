@@ -122,8 +122,8 @@ void AddWork(const GpFactorT<T>& f, bool use_variance, std::array<Work, kCosts>*
   add(kExponential, n * ExponentialOperations(sizeof(T) == sizeof(float)), 0);
   if (!f.deflation.empty()) add(kDeflation, 2 * n * kRowBlock, f.deflation.size());
   add(kMean, 2 * n, f.weights.size());
-  const auto elements = static_cast<double>(f.triangle.size());
-  if (use_variance) add(kTriangle, 2 * elements + 2 * n, f.triangle.size());
+  // The zeros above the diagonal are read, not multiplied.
+  if (use_variance) add(kTriangle, n * (n + 1) + 2 * n, f.triangle.size());
 }
 void AddWork(const BlasFactor& f, bool use_variance, std::array<Work, kCosts>* work) {
   // The triangular product; covariances and mean are small beside it.
