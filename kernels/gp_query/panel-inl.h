@@ -98,7 +98,7 @@ HWY_INLINE void AddPanelRows(const T* HWY_RESTRICT w, int n_columns, bool begins
       if (kFetchAll && odd * kRowBlock % kLine == 0) {
         __builtin_prefetch(wj + odd * kRowBlock + 16 * kLine, 0, 3);
       }
-      if (kFetchAll || odd == 0) {
+      if (kFetchAll || (kManyRegisters && odd == 0)) {
         __builtin_prefetch(next[odd], 0, 2);
         next[odd] += fetch[odd].step;
       }
@@ -122,10 +122,10 @@ HWY_INLINE void AddPanelRows(const T* HWY_RESTRICT w, int n_columns, bool begins
 }
 
 // Adds a panel's n_columns columns, an even number, to its rows of W e. A panel that ends at the
-// diagonal completes them: their squares are taken from the variance unless that is nullptr. Makes
-// a step of the first fetch at every other column, as a line needs more than one to come. If
-// kFetchAll, also of the second, and brings the panel itself into the first-level cache, 1 KiB
-// ahead.
+// diagonal completes them: their squares are taken from the variance unless that is nullptr. With
+// 32 registers, makes a step of the first fetch at every other column, as a line needs more than
+// one to come. If kFetchAll, makes steps of both and brings the panel itself into the first-level
+// cache, 1 KiB ahead.
 template <int kWidth, bool kFetchAll, typename T>
 HWY_INLINE void AddPanel(const T* HWY_RESTRICT w, int n_columns, bool begins_rows, bool diagonal,
                          const Fetch<T> (&fetch)[2], const T* HWY_RESTRICT e, T* HWY_RESTRICT rows,
