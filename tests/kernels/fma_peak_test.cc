@@ -15,9 +15,9 @@ TEST_CASE("fma_peak: rates are possible for one core") {
   const double fp32 = FmaPeakGflops(true, 0.05);
   CAPTURE(fp64);
   CAPTURE(fp32);
-  CHECK(fp64 > 0.5);
-  CHECK(fp64 < 500);  // 2 pipes x 8 lanes x 2 operations x 15 GHz
-  CHECK(fp32 > 0.5);
+  CHECK(fp64 > 0.02);  // a sanitizer's call for every operation, 0.2 on a busy AVX2 machine
+  CHECK(fp64 < 500);   // 2 pipes x 8 lanes x 2 operations x 15 GHz
+  CHECK(fp32 > 0.02);
   CHECK(fp32 < 1000);
 }
 
