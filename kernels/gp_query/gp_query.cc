@@ -44,8 +44,8 @@ constexpr int FetchShare(int n_groups) { return (2 * kRowBlock + n_groups - 1) /
 // triangle is not much larger than the second-level cache: the processor's own fetching then costs
 // them 2 % of the cycles, but the clock was seen to fall with the number of loads and fetches, so
 // that asking for less saved up to 6 % of the time. One group alone has twice as much to fetch.
-// With 16 registers a triangle of less than 512 KiB is not fetched at all, which saves 1 to 2 %, 7
-// % with eight lanes (Zen 3).
+// With 16 registers nothing of a triangle below 512 KiB is fetched: this saves 1 to 2 %, with eight
+// lanes 7 % (Zen 3).
 template <int kWidth, typename T>
 HWY_INLINE bool FetchesAll(const GpFactorT<T>& f, int vectors) {
   const std::size_t kibibytes = (f.triangle.size() * sizeof(T)) >> 10;

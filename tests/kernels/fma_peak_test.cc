@@ -10,14 +10,21 @@
 namespace downpour {
 namespace {
 
+// Under the address sanitizer every operation is a call: 0.2 GFLOP/s were seen on a busy machine.
+#ifdef __SANITIZE_ADDRESS__
+constexpr double kLeastGflops = 0.02;
+#else
+constexpr double kLeastGflops = 0.5;
+#endif
+
 TEST_CASE("fma_peak: rates are possible for one core") {
   const double fp64 = FmaPeakGflops(false, 0.05);
   const double fp32 = FmaPeakGflops(true, 0.05);
   CAPTURE(fp64);
   CAPTURE(fp32);
-  CHECK(fp64 > 0.02);  // a sanitizer's call for every operation, 0.2 on a busy AVX2 machine
-  CHECK(fp64 < 500);   // 2 pipes x 8 lanes x 2 operations x 15 GHz
-  CHECK(fp32 > 0.02);
+  CHECK(fp64 > kLeastGflops);
+  CHECK(fp64 < 500);  // 2 pipes x 8 lanes x 2 operations x 15 GHz
+  CHECK(fp32 > kLeastGflops);
   CHECK(fp32 < 1000);
 }
 
