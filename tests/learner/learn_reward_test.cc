@@ -106,14 +106,10 @@ TEST_CASE("learn_reward: a run stopped and resumed ends with the same bits, on a
     const Task task = MakeTask(name);
     LearnerOptions options = UnknownReward();
     const LearnerState whole = Run(task, options);
-    for (const int stop_after : {1, 2}) {
-      WriteCheckpoint(file, task, options, Run(task, options, {}, stop_after));
-      CHECK(SameBits(Run(task, options, ReadCheckpoint(file, task, options)), whole));
-    }
-    for (const int threads : {1, 5}) {
-      options.threads = threads;
-      CHECK(SameBits(Run(task, options), whole));
-    }
+    WriteCheckpoint(file, task, options, Run(task, options, {}, 2));
+    CHECK(SameBits(Run(task, options, ReadCheckpoint(file, task, options)), whole));
+    options.threads = 5;
+    CHECK(SameBits(Run(task, options), whole));
   }
 }
 

@@ -57,7 +57,7 @@ def left_over(log):
 
 def same_bits():
     """The example's robot is the simulator itself, and Python stands in between."""
-    options = ["--evaluations", "4000", "--episodes", "3", "--threads", "2", "--quiet"]
+    options = ["--evaluations", "1500", "--episodes", "3", "--threads", "2", "--quiet"]
     for task in ("pendulum", "cartpole"):
         built_in, robot = scratch / f"{task}-built-in", scratch / f"{task}-robot"
         log = scratch / f"{task}.log"

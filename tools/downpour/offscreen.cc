@@ -30,7 +30,8 @@ int FontScale(int width) { return width >= 1280 ? mjFONTSCALE_250 : mjFONTSCALE_
       static_cast<unsigned>(eglGetError())));
 }
 
-// An OpenGL context of this thread without window or display.
+// An OpenGL context of this thread without window or display. EGL's display is the process's and
+// stays: ending it would unload the driver, whose memory no leak checker could then tell from ours.
 class EglContext {
  public:
   EglContext() {
@@ -61,7 +62,6 @@ class EglContext {
   ~EglContext() {
     eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
     eglDestroyContext(display_, context_);
-    eglTerminate(display_);
   }
   EglContext(const EglContext&) = delete;
   EglContext& operator=(const EglContext&) = delete;
