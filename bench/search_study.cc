@@ -91,6 +91,12 @@ void AddOptions(CLI::App* app, Arguments* arguments) {
              {"rollouts", UncertaintyHandling::kRollouts},
              {"lra", UncertaintyHandling::kLra}},
             "");
+  AddChoice(app, "--covariance", &search.covariance,
+            {{"auto", CovarianceForm::kAuto},
+             {"full", CovarianceForm::kFull},
+             {"diagonal", CovarianceForm::kDiagonal},
+             {"limited-memory", CovarianceForm::kLimitedMemory}},
+            "");
   AddChoice(app, "--common-random-numbers", &search.common_random_numbers,
             {{"off", CommonRandomNumbers::kOff},
              {"generation", CommonRandomNumbers::kGeneration},

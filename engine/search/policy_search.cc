@@ -25,8 +25,9 @@ namespace {
 constexpr int kMinGenerations = 100;
 // Most runs end in a poor local optimum, and which ones shows long before they have converged. So
 // when all runs have used the exploration share of the budget, the best half of the slots goes on,
-// then the best half of these (successive halving). The last ones are close to an optimum, where
-// noise hides what is left to gain: they take more rollouts.
+// then the best half of these (successive halving). What goes on is ever closer to an optimum,
+// where noise hides what is left to gain: half as many runs take twice the rollouts a candidate,
+// and fill as many lanes. The last ones take at least:
 constexpr int kLastRollouts = 2;
 // Fresh rollouts that compare the runs between these stages.
 constexpr int kPromotionRollouts = 48;
@@ -381,8 +382,9 @@ PolicySearchResult SearchPolicy(const PolicySearchOptions& options, std::span<co
   run_until(options.exploration);
   for (int k = 1; k <= options.promotions && options.exploration < 1; ++k) {
     const bool last = k == options.promotions;
-    search.Promote(std::max(1, search.n_slots() >> k),
-                   last ? kLastRollouts * options.rollouts : options.rollouts);
+    const int n_runs = std::max(1, search.n_slots() >> k);
+    const int factor = std::max(last ? kLastRollouts : 1, search.n_slots() / 2 / n_runs);
+    search.Promote(n_runs, factor * options.rollouts);
     run_until(last ? 1 : options.exploration + (1 - options.exploration) * k / options.promotions);
   }
   PolicySearchResult result = search.Finish();

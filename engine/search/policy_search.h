@@ -43,14 +43,14 @@ enum class CommonRandomNumbers {
 struct PolicySearchOptions {
   std::int64_t evaluations = 300000;  // rollouts an episode's search may spend; [100, 1e12]
   int population = 0;                 // lambda; 0: CMA-ES's default; 0 or [2, 100000]
-  int rollouts = 1;       // rollouts a candidate, twice as many in the last stage of the
-                          // selection (within max_rollouts for kRollouts); [1, 10000]
+  int rollouts = 1;       // rollouts a candidate, more in the later stages of the selection
+                          // (within max_rollouts for kRollouts); [1, 10000]
   int max_rollouts = 20;  // limit of kRollouts; [1, 10000]
   int concurrent = 8;     // CMA-ES instances that share each batch; [1, 1024]
   // Share of the evaluations for all runs alike; the rest is for `promotions` further stages of
   // equal shares, each for half as many runs, the best; 1: no such selection; [0.1, 1].
   double exploration = 0.3;
-  int promotions = 3;  // stages after exploration; the last with 2 `rollouts`; [1, 10]
+  int promotions = 3;  // stages after exploration, all of which fill as many lanes; [1, 10]
   // Share of the restarts that begin as the first run does, at the last policy with first_sigma;
   // [0, 1]. The learner takes 0 as long as there is none.
   double local_share = 0.5;
@@ -129,9 +129,9 @@ struct PolicySearchResult {
 // a run that meets a stopping criterion makes room for a new one. Then all runs that may still
 // improve are compared by 48 fresh rollouts each, and the best, half as many as there were
 // instances, go on from where they were; then the same again with half as many, `promotions` times
-// in all. The last ones take at least 2 `rollouts` a candidate. When a promoted run converges, the
-// next best of the runs that were passed over goes on in its place, or a new one starts, until no
-// generation fits.
+// in all. What goes on from the second time takes twice the `rollouts` of the time before, and the
+// last ones at least 2 of them. When a promoted run converges, the next best of the runs that were
+// passed over goes on in its place, or a new one starts, until no generation fits.
 //
 // At the end the final means of all runs and `start` itself are compared by fresh rollouts on
 // common random streams, and the best is returned. Its return is predicted by as many rollouts
