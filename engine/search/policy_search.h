@@ -63,7 +63,9 @@ struct PolicySearchOptions {
   int threads = 1;  // OpenMP threads that update the runs, no matter for the result; >= 1
   RestartStrategy restarts = RestartStrategy::kSmall;
   UncertaintyHandling uncertainty = UncertaintyHandling::kOff;
-  CovarianceForm covariance = CovarianceForm::kAuto;  // what CMA-ES adapts beside mean and sigma
+  // What CMA-ES adapts beside mean and sigma. A run ends before it could learn the whole matrix of a
+  // network's parameters (docs/search.md).
+  CovarianceForm covariance = CovarianceForm::kDiagonal;
   CommonRandomNumbers common_random_numbers = CommonRandomNumbers::kGeneration;
   // Tells the objective which candidates compete in a generation, so that it may stop rollouts that
   // can no longer matter. Not with kSigma or kRollouts, which rank all.

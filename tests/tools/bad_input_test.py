@@ -169,7 +169,7 @@ def checkpoints():
             ("truncated", original[:middle], f"truncated at byte {middle} of {middle}:"),
             ("empty", "", "JSON"),
             ("corrupted", flipped, "checksum"),
-            ("future", original.replace('"version":7', '"version":99'), "99")]:
+            ("future", original.replace('"version":8', '"version":99'), "99")]:
         damaged = copy_of_run(name)
         (damaged / "checkpoint.json").write_text(text)
         refuse(f"checkpoint: {name}", ["learn", "--resume", damaged, "--episodes", "5"],

@@ -103,8 +103,8 @@ std::vector<Field> SearchFields(PolicySearchOptions& search) {
        .option = "",
        .target = &search.covariance,
        .choices = {"auto", "full", "diagonal", "limited-memory"},
-       .description = "What CMA-ES adapts; auto: full up to 200 policy parameters, limited-memory "
-                      "above."},
+       .description = "What of the covariance CMA-ES adapts; auto: full up to 200 policy "
+                      "parameters, limited-memory above."},
       {.key = "search.common_random_numbers",
        .option = "",
        .target = &search.common_random_numbers,
