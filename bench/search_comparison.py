@@ -76,7 +76,15 @@ def tables(task):
                     "first-sigma": best, "common-random-numbers": "generation", **row}
                    for row in product(concurrent=[4, 8], population=[twice])
                    + product(concurrent=[8], population=[16])],
-        # The default and its neighbours: runs side by side, share of exploration, promotions; and the
+        # What of the covariance to adapt, and populations; and the best fixed setting of either task.
+        "covariance": [{"common-random-numbers": "generation", "covariance": covariance,
+                        **({"population": population} if population else {})}
+                       for covariance, population in [("full", 0), ("diagonal", 0),
+                                                      ("diagonal", 8), ("diagonal", 12),
+                                                      ("diagonal", 20)]]
+                      + [{**one, "restarts": "small", "population": fixed, "start": "uniform",
+                          "first-sigma": sigma, "restart-sigma": sigma, "restart-decades": 0}],
+        # The halving with full covariances: runs side by side, share of exploration, promotions; and the
         # best fixed setting of either task.
         "halving": [{"common-random-numbers": "generation", "concurrent": concurrent,
                      "exploration": exploration, "promotions": promotions}
@@ -113,7 +121,7 @@ def search(task, run, setting, seed, evaluations, out):
         os.makedirs(folder, exist_ok=True)
         command = [PROGRAM, task, run, "--episodes", str(n_episodes(run) - 1), "--first-seed",
                    str(seed), "--evaluations", str(evaluations)]
-        for key, value in {"common-random-numbers": "off", **setting}.items():
+        for key, value in {"common-random-numbers": "off", "covariance": "full", **setting}.items():
             command += [f"--{key}", str(value)]
         result = subprocess.run(command, capture_output=True, text=True)
         if result.returncode:
