@@ -93,8 +93,14 @@ TEST_CASE("checkpoint: no flipped byte goes unnoticed") {
 
 TEST_CASE("checkpoint: a later version is refused by its number") {
   std::string text = Text();
-  text.replace(text.find("\"version\":7"), 11, "\"version\":8");
-  CHECK(ParseError(text) == "run/checkpoint.json: version 8, this program reads 7");
+  const std::string own = std::to_string(kCheckpointVersion);
+  const std::string later = std::to_string(kCheckpointVersion + 1);
+  const std::string field = "\"version\":" + own;
+  const std::size_t at = text.find(field);
+  REQUIRE(at != std::string::npos);
+  text.replace(at, field.size(), "\"version\":" + later);
+  CHECK(ParseError(text) ==
+        "run/checkpoint.json: version " + later + ", this program reads " + own);
 }
 
 TEST_CASE("checkpoint: another file is refused") {
