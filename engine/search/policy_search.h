@@ -63,8 +63,8 @@ struct PolicySearchOptions {
   int threads = 1;  // OpenMP threads that update the runs, no matter for the result; >= 1
   RestartStrategy restarts = RestartStrategy::kSmall;
   UncertaintyHandling uncertainty = UncertaintyHandling::kOff;
-  // What CMA-ES adapts beside mean and sigma. A run ends before it could learn the whole matrix of a
-  // network's parameters (docs/search.md).
+  // What CMA-ES adapts beside mean and sigma. A run ends before it could learn the whole matrix of
+  // a network's parameters (docs/search.md).
   CovarianceForm covariance = CovarianceForm::kDiagonal;
   CommonRandomNumbers common_random_numbers = CommonRandomNumbers::kGeneration;
   // Tells the objective which candidates compete in a generation, so that it may stop rollouts that
