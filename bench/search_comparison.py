@@ -43,6 +43,8 @@ def tables(task):
     restarts = ["single", "ipop", "bipop", "small"]
     one = {"exploration": 1, "concurrent": 1}
     twice = {"cartpole": 32, "pendulum": 30}[task]  # the default population of CMA-ES
+    best_fixed = {**one, "restarts": "small", "population": fixed, "start": "uniform",
+                  "first-sigma": sigma, "restart-sigma": sigma, "restart-decades": 0}
     all_alike = {"restarts": "small", "exploration": 1, "population": twice}
     halving = [{"restarts": "small", "exploration": 0.55, "promotions": 2, "population": twice},
                {"restarts": "small", "exploration": 0.3, "promotions": 3, "population": twice}]
@@ -82,17 +84,17 @@ def tables(task):
                        for covariance, population in [("full", 0), ("diagonal", 0),
                                                       ("diagonal", 8), ("diagonal", 12),
                                                       ("diagonal", 20)]]
-                      + [{**one, "restarts": "small", "population": fixed, "start": "uniform",
-                          "first-sigma": sigma, "restart-sigma": sigma, "restart-decades": 0}],
-        # The halving with full covariances: runs side by side, share of exploration, promotions; and the
-        # best fixed setting of either task.
+                      + [{"common-random-numbers": "generation", "covariance": "diagonal",
+                          "exploration": 0.15}]
+                      + [best_fixed],
+        # The halving with full covariances: runs side by side, share of exploration, promotions;
+        # and the best fixed setting of either task.
         "halving": [{"common-random-numbers": "generation", "concurrent": concurrent,
                      "exploration": exploration, "promotions": promotions}
                     for concurrent, exploration, promotions in
                     [(8, 0.3, 3), (8, 0.15, 3), (6, 0.3, 3), (5, 0.2, 2), (5, 0.15, 2),
                      (4, 0.3, 3), (4, 0.2, 2), (4, 0.15, 2)]]
-                   + [{**one, "restarts": "small", "population": fixed, "start": "uniform",
-                       "first-sigma": sigma, "restart-sigma": sigma, "restart-decades": 0}],
+                   + [best_fixed],
         # Who gets the budget: so many runs side by side, some of them from the last policy, and
         # successive halving or not.
         "allocation": [{**all_alike, **row} for row in

@@ -131,9 +131,9 @@ struct PolicySearchResult {
 // a run that meets a stopping criterion makes room for a new one. Then all runs that may still
 // improve are compared by 48 fresh rollouts each, and the best, half as many as there were
 // instances, go on from where they were; then the same again with half as many, `promotions` times
-// in all. What goes on from the second time takes twice the `rollouts` of the time before, and the
-// last ones at least 2 of them. When a promoted run converges, the next best of the runs that were
-// passed over goes on in its place, or a new one starts, until no generation fits.
+// in all. From the second time on half as many runs take twice the `rollouts` of the time before,
+// and the last ones at least 2 of them. When a promoted run converges, the next best of the runs
+// that were passed over goes on in its place, or a new one starts, until no generation fits.
 //
 // At the end the final means of all runs and `start` itself are compared by fresh rollouts on
 // common random streams, and the best is returned. Its return is predicted by as many rollouts

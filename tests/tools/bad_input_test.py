@@ -2,6 +2,7 @@
 """Bad input ends with exit code 2 and one line that says what is allowed, and loses nothing."""
 import json
 import pathlib
+import re
 import shutil
 
 from command import TINY, Claims, contents, downpour, learn, scratch_directory
@@ -169,7 +170,7 @@ def checkpoints():
             ("truncated", original[:middle], f"truncated at byte {middle} of {middle}:"),
             ("empty", "", "JSON"),
             ("corrupted", flipped, "checksum"),
-            ("future", original.replace('"version":8', '"version":99'), "99")]:
+            ("future", re.sub('"version":[0-9]+', '"version":99', original), "99")]:
         damaged = copy_of_run(name)
         (damaged / "checkpoint.json").write_text(text)
         refuse(f"checkpoint: {name}", ["learn", "--resume", damaged, "--episodes", "5"],
