@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // How well a policy search fills the machine: lambda = 16, one rollout a candidate, on a cart-pole
 // model. Prints, by the default plan and by exact fp64, the share of the time outside the
-// evaluator, lane fill and idle threads, of the whole search and of its generations, and how much
+// evaluator, lane fill and idle threads, of the whole search and of its rounds, and how much
 // faster it is by several threads than by one, beside what the machine's FMA peak gains.
 //   generation_bench RUN [--episodes N] [--threads N]
 // RUN is a run directory of cart-pole; its first N episodes are the data (40 points each).
@@ -20,6 +20,7 @@
 #include "engine/gp/gp_model.h"
 #include "engine/learner/plan_probes.h"
 #include "engine/learner/planned_model.h"
+#include "engine/learner/rollout_objective.h"
 #include "engine/rollout/evaluator.h"
 #include "engine/search/policy_search.h"
 #include "tasks/registry.h"
@@ -42,7 +43,7 @@ struct Settings {
 struct SearchTimes {
   double seconds = std::numeric_limits<double>::infinity();
   EvaluatorStatistics statistics;
-  std::vector<double> lane_fills, idle_shares;  // of every batch
+  std::vector<double> lane_fills, idle_shares;  // of every round
   PolicySearchResult result;
 };
 
@@ -55,37 +56,37 @@ SearchTimes Search(const Task& task, const Policy& policy, const PlannedModel& m
                    PolicySearchOptions options, int threads) {
   options.threads = threads;
   SearchTimes times;
-  Evaluator evaluator(task, policy, model.factors(), {.threads = threads});
+  RolloutObjective objective(task, policy, model.factors(), {.threads = threads});
   const std::vector<double> origin(policy.n_parameters(), 0.0);
+  EvaluatorStatistics before;
   const auto start = std::chrono::steady_clock::now();
   times.result = SearchPolicy(
       options, origin, kSeed, kEpisode,
       [&](const CandidateBatch& batch, std::span<double> returns) {
-        const EvaluatorStatistics before = evaluator.statistics();
-        evaluator.Evaluate(batch.parameters, batch.keys, batch.n_rollouts, batch.first_rollout,
-                           returns);
-        const EvaluatorStatistics generation = evaluator.statistics().Since(before);
-        times.lane_fills.push_back(generation.LaneFill());
-        times.idle_shares.push_back(generation.IdleShare(threads));
+        objective.Evaluate(batch, returns);
       },
-      {}, nullptr);
+      [&](const PolicySearchProgress& now) {
+        times.statistics = objective.Statistics(now.waiting_seconds);
+        const EvaluatorStatistics round = times.statistics.Since(before);
+        times.lane_fills.push_back(round.LaneFill());
+        times.idle_shares.push_back(round.IdleShare(threads));
+        before = times.statistics;
+      },
+      nullptr, objective.own_objectives());
   times.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  times.statistics = evaluator.statistics();
   return times;
 }
 
 void Print(const SearchTimes& times, int threads) {
   const EvaluatorStatistics& s = times.statistics;
   std::printf(
-      "%d thread%s: %.3f s, %.1f ns a query; outside of the evaluator %.2f %% of the time, %.1f us "
-      "a generation (%zu batches)\n",
+      "%d thread%s: %.3f s, %.1f ns a query; outside of the evaluator %.2f %% of the time "
+      "(%zu rounds)\n",
       threads, threads == 1 ? " " : "s", times.seconds,
       1e9 * times.seconds / static_cast<double>(s.gp_queries),
-      100 * (1 - s.seconds / times.seconds),
-      1e6 * (times.seconds - s.seconds) / static_cast<double>(times.lane_fills.size()),
-      times.lane_fills.size());
+      100 * (1 - s.seconds / times.seconds), times.lane_fills.size());
   std::printf(
-      "  lane fill %.1f %% (least of a batch %.1f %%), idle threads %.2f %% (a batch: median %.2f "
+      "  lane fill %.1f %% (least of a round %.1f %%), idle threads %.2f %% (a round: median %.2f "
       "%%, 95 %% below %.2f %%)\n",
       100 * s.LaneFill(), 100 * Quantile(times.lane_fills, 0), 100 * s.IdleShare(threads),
       100 * Quantile(times.idle_shares, 0.5), 100 * Quantile(times.idle_shares, 0.95));

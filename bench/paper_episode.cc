@@ -33,6 +33,7 @@
 #include "engine/learner/learner.h"
 #include "engine/learner/plan_probes.h"
 #include "engine/learner/planned_model.h"
+#include "engine/learner/rollout_objective.h"
 #include "engine/rollout/evaluator.h"
 #include "engine/search/policy_search.h"
 #include "kernels/fma_peak/fma_peak.h"
@@ -46,10 +47,8 @@ namespace {
 
 constexpr int kEpisodes = 8;
 constexpr std::uint64_t kSeed = 0;
-// As in the learner: checks of the plan over a search, and candidates whose rollouts each takes.
-constexpr int kPlanChecks = 20;
-constexpr int kCheckedCandidates = 32;
-constexpr int kSample = 60;  // batches whose parts are timed
+constexpr int kPlanChecks = 20;  // over a search, as in the learner
+constexpr int kSample = 60;      // batches whose parts are timed
 constexpr int kRepetitions = 3;
 
 using Clock = std::chrono::steady_clock;
@@ -112,40 +111,32 @@ Episode Search(const Task& task, const Policy& policy, const Dataset& data,
   model->Choose(std::move(probes));
   episode.plan_seconds = SecondsSince(start);
 
-  Evaluator evaluator(task, policy, model->factors(), rollout);
+  RolloutObjective objective(task, policy, model->factors(), rollout);
   std::int64_t next_check = 0;
-  const auto check = [&](const CandidateBatch& batch) {
+  const auto check = [&](const PolicySearchProgress& now) {
     const Clock::time_point check_start = Clock::now();
-    std::vector<double> parameters;
-    std::vector<StreamKey> keys;
-    const std::size_t n = origin.size();
-    for (int c = 0; c < batch.n_candidates;
-         c += std::max(1, batch.n_candidates / kCheckedCandidates)) {
-      const auto row = batch.parameters.subspan(c * n, n);
-      parameters.insert(parameters.end(), row.begin(), row.end());
-      keys.push_back(batch.keys[c]);
-    }
-    const int changed = model->Check(MetInputs(&evaluator, parameters, keys, task.n_inputs()));
-    if (changed > 0) evaluator.SetFactors(model->factors());
+    const int changed = model->Check(NextInputs(now.runs, task.n_inputs(), objective.evaluator()));
+    if (changed > 0) objective.SetFactors(model->factors());
     episode.plan_changes += changed;
-    next_check += options.evaluations / kPlanChecks + 1;
+    next_check = now.evaluations + options.evaluations / kPlanChecks + 1;
     episode.check_seconds += SecondsSince(check_start);
   };
   start = Clock::now();
   const PolicySearchResult result = SearchPolicy(
       options, origin, kSeed, kEpisodes + 1,
       [&](const CandidateBatch& batch, std::span<double> returns) {
-        const std::int64_t done = evaluator.statistics().rollouts;
-        if (done >= next_check) check(batch);
-        if (done * kSample >= options.evaluations * std::ssize(episode.sample)) {
-          episode.sample.emplace_back(batch);
-        }
-        evaluator.Evaluate(batch.parameters, batch.keys, batch.n_rollouts, batch.first_rollout,
-                           returns);
+        objective.Evaluate(batch, returns);
       },
-      {}, nullptr);
+      [&](const PolicySearchProgress& now) {
+        episode.statistics = objective.Statistics(now.waiting_seconds);
+        if (now.runs.empty()) return;
+        if (now.evaluations >= next_check) check(now);
+        if (now.evaluations * kSample >= options.evaluations * std::ssize(episode.sample)) {
+          episode.sample.emplace_back(NextGeneration(now.runs).Candidates());
+        }
+      },
+      nullptr, objective.own_objectives());
   episode.search_seconds = SecondsSince(start);
-  episode.statistics = evaluator.statistics();
   episode.predicted_return = result.predicted_return;
   return episode;
 }

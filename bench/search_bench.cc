@@ -185,20 +185,18 @@ double FinalValue(const TestFunction& function, const Noise& noise, UncertaintyH
   options.bound = 1e6;
   options.uncertainty = handling;
   options.max_rollouts = 1000;
+  options.covariance = CovarianceForm::kFull;
+  options.common_random_numbers =
+      CommonRandomNumbers::kOff;  // or all candidates meet the same noise
   std::vector<double> mean(kP);
   FillUniforms(DeriveKey(seed, StreamPurpose::kSearchRestart, {0}), 1, mean.data(), kP);
   for (double& value : mean) value = 8 * value - 4;
   const RunPlan plan{0, Regime::kFirst, static_cast<int>(CmaEs::DefaultPopulation(kP)), 2};
   SearchRun run(options, plan, mean, seed, 0);
   SearchBatch batch;
-  while (true) {
-    batch.n_candidates = batch.n_returns = 0;
-    run.Plan(&batch);
-    if (run.evaluations() + run.n_returns() > kBudget) break;
-    batch.parameters.resize(batch.n_candidates * kP);
-    batch.keys.resize(batch.n_candidates);
-    batch.n_rollouts.resize(batch.n_candidates);
-    batch.returns.resize(batch.n_returns);
+  SearchRun* const runs[] = {&run};
+  while (run.evaluations() + run.NextReturns() <= kBudget) {
+    LayOut(runs, false, &batch);
     run.Ask(&batch);
     std::vector<double> normals;
     for (std::size_t c = 0, r = 0; c < batch.n_candidates; ++c) {

@@ -2,9 +2,13 @@
 #include "engine/gp/process_settings.h"
 
 #include <cblas.h>
+#include <omp.h>
+#include <sched.h>
 #include <unistd.h>
 
 #include <cstdlib>
+#include <string>
+#include <vector>
 
 #include "hwy/targets.h"
 
@@ -22,6 +26,20 @@ int VectorWidth(const std::string& core) {
   if (core == "SkylakeX" || core == "Cooperlake" || core == "SapphireRapids") return 8;
   if (core == "Haswell" || core == "Zen") return 4;
   return 2;
+}
+
+// OMP_PROC_BIND has bound this thread to one of its places by now, and a program keeps the
+// processors of the one that executes it: all its threads would share that place.
+void UnbindThread() {
+  cpu_set_t processors;
+  CPU_ZERO(&processors);
+  for (int place = 0; place < omp_get_num_places(); ++place) {
+    std::vector<int> ids(static_cast<std::size_t>(omp_get_place_num_procs(place)));
+    omp_get_place_proc_ids(place, ids.data());
+    for (const int id : ids) CPU_SET(id, &processors);
+  }
+  // Without places no thread is bound. A failure leaves it as it is: slower, but right.
+  if (CPU_COUNT(&processors) > 0) sched_setaffinity(0, sizeof(processors), &processors);
 }
 
 }  // namespace
@@ -55,6 +73,7 @@ bool PrepareProcess(char** argv) {
     setenv(kWaitVariable, "passive", 1);
     setenv(kSpinVariable, kSpins, 1);
   }
+  UnbindThread();
   execv("/proc/self/exe", argv);
   // Not executed: the variables would tell a state that is not there.
   if (mend_core) {

@@ -9,12 +9,11 @@
 
 #include "engine/learner/learn_model.h"
 #include "engine/learner/plan_probes.h"
+#include "engine/learner/rollout_objective.h"
 
 namespace downpour {
 namespace {
 
-// Candidates whose rollouts check the plan.
-constexpr int kCheckedCandidates = 32;
 // Checks of the plan during a search, evenly over its budget.
 constexpr int kPlanChecks = 20;
 
@@ -22,28 +21,6 @@ constexpr int kPlanChecks = 20;
 std::vector<double> FirstPolicy(const LearnerState& state, const Policy& policy) {
   const EpisodeRecord* last = LastLearnt(state);
   return last == nullptr ? std::vector<double>(policy.n_parameters(), 0.0) : last->policy;
-}
-
-// Checks the plans on inputs that a sample of the batch's candidates meets, and goes on with
-// stricter ones where they fail.
-void CheckPlans(const Task& task, const CandidateBatch& batch, int n_parameters,
-                RolloutHelpers* helpers, Evaluator* evaluator, PlannedModel* model,
-                EpisodeRecord* record) {
-  std::vector<double> parameters;
-  std::vector<StreamKey> keys;
-  const int every = std::max(1, batch.n_candidates / kCheckedCandidates);
-  for (int c = 0; c < batch.n_candidates; c += every) {
-    const auto row = batch.parameters.subspan(static_cast<std::size_t>(c) * n_parameters,
-                                              static_cast<std::size_t>(n_parameters));
-    parameters.insert(parameters.end(), row.begin(), row.end());
-    keys.push_back(batch.keys[c]);
-  }
-  const int changed = model->Check(MetInputs(evaluator, parameters, keys, task.n_inputs()));
-  if (changed > 0) {
-    evaluator->SetFactors(model->factors());
-    if (helpers != nullptr) helpers->SetModel(model->factors(), PriorParameters(*record));
-  }
-  record->plan_changes += changed;
 }
 
 }  // namespace
@@ -67,35 +44,39 @@ PlannedModel PlanQueries(const Task& task, const LearnerOptions& options, const 
 void SearchByRollouts(const Task& task, const LearnerOptions& options, const LearnerState& state,
                       const Policy& policy, const Learner::Callbacks& callbacks,
                       PlannedModel* model, EpisodeRecord* record) {
-  Evaluator evaluator(task, policy, model->factors(), options.rollout, PriorParameters(*record));
-  RolloutHelpers* const helpers = callbacks.helpers;
-  if (helpers != nullptr) helpers->SetModel(model->factors(), PriorParameters(*record));
-  const int threads = helpers == nullptr ? options.rollout.threads : helpers->threads();
+  RolloutObjective objective(task, policy, model->factors(), options.rollout,
+                             PriorParameters(*record), callbacks.helpers);
+  const int threads = objective.threads();
   std::int64_t next_check = 0;
+  double waiting_seconds = 0;
   EvaluatorStatistics told;
-  const auto progress = [&](const PolicySearchProgress& search) {
-    if (callbacks.search) callbacks.search(search, evaluator.statistics().Since(told));
-    told = evaluator.statistics();
-  };
-  const BatchObjective objective = [&](const CandidateBatch& batch, std::span<double> returns) {
-    if (evaluator.statistics().rollouts >= next_check) {
-      CheckPlans(task, batch, policy.n_parameters(), helpers, &evaluator, model, record);
-      next_check += options.search.evaluations / kPlanChecks + 1;
+  const auto progress = [&](const PolicySearchProgress& now) {
+    waiting_seconds = now.waiting_seconds;
+    if (!now.runs.empty() && now.evaluations >= next_check) {
+      // Where the plans fail on what candidates meet, the search goes on with stricter ones.
+      const int changed =
+          model->Check(NextInputs(now.runs, task.n_inputs(), objective.evaluator()));
+      if (changed > 0) objective.SetFactors(model->factors());
+      record->plan_changes += changed;
+      next_check = now.evaluations + options.search.evaluations / kPlanChecks + 1;
     }
-    if (helpers != nullptr) return helpers->Evaluate(batch, &evaluator, returns);
-    evaluator.Evaluate(batch.parameters, batch.keys, batch.n_rollouts, batch.first_rollout, returns,
-                       batch.groups);
+    const EvaluatorStatistics statistics = objective.Statistics(waiting_seconds);
+    if (callbacks.search) callbacks.search(now, statistics.Since(told));
+    told = statistics;
   };
   PolicySearchOptions search = options.search;
   if (LastLearnt(state) == nullptr) search.local_share = 0;  // there is no last policy
-  PolicySearchResult result = SearchPolicy(search, FirstPolicy(state, policy), options.seed,
-                                           static_cast<std::uint32_t>(record->episode), objective,
-                                           progress, callbacks.stop);
+  PolicySearchResult result = SearchPolicy(
+      search, FirstPolicy(state, policy), options.seed, static_cast<std::uint32_t>(record->episode),
+      [&](const CandidateBatch& batch, std::span<double> returns) {
+        objective.Evaluate(batch, returns);
+      },
+      progress, callbacks.stop, objective.own_objectives());
   record->policy = std::move(result.parameters);
   record->predicted_return = result.predicted_return;
   record->evaluations = result.evaluations;
   record->runs = std::move(result.runs);
-  const EvaluatorStatistics& statistics = evaluator.statistics();
+  const EvaluatorStatistics statistics = objective.Statistics(waiting_seconds);
   record->gp_queries = statistics.gp_queries;
   record->diverged = statistics.diverged;
   record->lane_fill = statistics.LaneFill();

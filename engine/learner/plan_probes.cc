@@ -8,6 +8,8 @@ namespace downpour {
 namespace {
 
 constexpr std::uint32_t kProbePolicies = 96;
+// Candidates whose rollouts check the plan.
+constexpr int kCheckedCandidates = 32;
 
 }  // namespace
 
@@ -57,6 +59,20 @@ Eigen::MatrixXd ProbeInputs(const PolicySearchOptions& search,
     }
     std::copy(last_policy.begin(), last_policy.end(), row.begin());
     if (c % 3 == 1) PerturbPolicy(search, policy_key, row);
+  }
+  return MetInputs(evaluator, parameters, keys, n_inputs);
+}
+
+Eigen::MatrixXd NextInputs(std::span<const SearchRun> runs, int n_inputs, Evaluator* evaluator) {
+  const SearchBatch batch = NextGeneration(runs);
+  const std::size_t n_parameters = batch.parameters.size() / batch.n_candidates;
+  const std::size_t every = std::max<std::size_t>(1, batch.n_candidates / kCheckedCandidates);
+  std::vector<double> parameters;
+  std::vector<StreamKey> keys;
+  for (std::size_t c = 0; c < batch.n_candidates; c += every) {
+    const auto row = std::span(batch.parameters).subspan(c * n_parameters, n_parameters);
+    parameters.insert(parameters.end(), row.begin(), row.end());
+    keys.push_back(batch.keys[c]);
   }
   return MetInputs(evaluator, parameters, keys, n_inputs);
 }

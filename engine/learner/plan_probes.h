@@ -8,6 +8,7 @@
 
 #include "engine/rollout/evaluator.h"
 #include "engine/search/policy_search.h"
+#include "engine/search/search_run.h"
 
 namespace downpour {
 
@@ -32,5 +33,9 @@ Eigen::MatrixXd MetInputs(Evaluator* evaluator, std::span<const double> paramete
 Eigen::MatrixXd ProbeInputs(const PolicySearchOptions& search,
                             const std::vector<double>& last_policy, std::uint64_t seed,
                             std::uint32_t episode, int n_inputs, Evaluator* evaluator);
+
+// Inputs that a sample of the candidates of the runs' next generation meets (rows x D), to check
+// plans on during a search: some 32 rollouts, all runs' alike.
+Eigen::MatrixXd NextInputs(std::span<const SearchRun> runs, int n_inputs, Evaluator* evaluator);
 
 }  // namespace downpour

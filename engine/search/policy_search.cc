@@ -2,6 +2,7 @@
 #include "engine/search/policy_search.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -14,6 +15,7 @@
 #include "engine/search/bipop.h"
 #include "engine/search/cma_es.h"
 #include "engine/search/final_comparison.h"
+#include "engine/search/run_queue.h"
 #include "engine/search/search_options.h"
 #include "engine/search/search_run.h"
 
@@ -23,6 +25,11 @@ namespace {
 // A run needs some hundred generations to learn its covariance matrix: neither so many runs at
 // once nor so large a population that the budget holds fewer.
 constexpr int kMinGenerations = 100;
+// All runs are looked at together, and threads that have runs of their own wait for each other,
+// between rounds. A round has at most so many generations, and a search that explores alike all
+// along about so many rounds, if its budget holds more generations.
+constexpr int kMaxRoundGenerations = 32;
+constexpr int kRounds = 64;
 // Most runs end in a poor local optimum, and which ones shows long before they have converged. So
 // when all runs have used the exploration share of the budget, the best half of the slots goes on,
 // then the best half of these (successive halving). What goes on is ever closer to an optimum,
@@ -53,13 +60,14 @@ class PolicySearch {
  public:
   PolicySearch(const PolicySearchOptions& options, std::span<const double> start,
                std::uint64_t seed, std::uint32_t episode, const BatchObjective& objective,
-               const std::atomic<bool>* stop);
+               std::span<const BatchObjective> own_objectives, const std::atomic<bool>* stop);
 
-  // Counts the next generation; false if `share` of the budget has no room for it. Throws
+  // How many generations the next round has; 0 if `share` of the budget has no room for one. Throws
   // InvalidInput if it is the first one.
-  bool PlanGeneration(double share);
-  // One generation of every run; false, nothing done, if `share` of the budget has no room for it.
-  bool RunGeneration(double share);
+  int PlanRound(double share) const;
+  // A round of generations of every run, of each until it meets a stopping criterion; false,
+  // nothing done, if `share` of the budget has no room for one.
+  bool RunRound(double share);
   // Ends all runs and goes on with the best `n_runs`, each with at least so many rollouts.
   void Promote(int n_runs, int rollouts);
   PolicySearchResult Finish();
@@ -70,6 +78,11 @@ class PolicySearch {
   SearchRun NewRun();
   std::optional<SearchRun> NextRun();
   std::int64_t ComparisonReserve() const;
+  // All threads take `runs` through `generations` together, or each takes some of the runs.
+  void RunTogether(int generations);
+  void RunApart(int generations);
+  void RunGeneration(std::span<SearchRun* const> runs, int threads, const BatchObjective& objective,
+                     SearchBatch* batch) const;
   void SummariseGeneration();
   void EndStoppedRuns();
   void EndRun(SearchRun run, std::string stop);
@@ -83,19 +96,22 @@ class PolicySearch {
   std::uint64_t seed_;
   std::uint32_t episode_;
   const BatchObjective& objective_;
+  std::span<const BatchObjective> own_objectives_;
   const std::atomic<bool>* stop_;
   std::vector<double> start_;  // within the bounds
   int population_;
   int final_rollouts_, promotion_rollouts_;
   int n_slots_;  // instances side by side while exploring
+  int round_generations_;
   RestartScheduler scheduler_;
   std::vector<SearchRun> runs_;
   std::vector<FinishedRun> finished_;
   int promotions_ = 0;
   int promoted_rollouts_ = 0;  // least rollouts a candidate of a promoted run
   std::int64_t evaluations_ = 0;
-  double best_return_ = 0, mean_return_ = 0;
+  double best_return_ = 0, mean_return_ = 0, waiting_seconds_ = 0;
   SearchBatch batch_;
+  std::vector<SearchBatch> own_batches_;  // of each thread with an objective of its own
 };
 
 double Population(const PolicySearchOptions& options, std::size_t dimension) {
@@ -110,12 +126,15 @@ std::int64_t AffordableCandidates(const PolicySearchOptions& options) {
 
 PolicySearch::PolicySearch(const PolicySearchOptions& options, std::span<const double> start,
                            std::uint64_t seed, std::uint32_t episode,
-                           const BatchObjective& objective, const std::atomic<bool>* stop)
+                           const BatchObjective& objective,
+                           std::span<const BatchObjective> own_objectives,
+                           const std::atomic<bool>* stop)
     : options_(options),
       dimension_(start.size()),
       seed_(seed),
       episode_(episode),
       objective_(objective),
+      own_objectives_(own_objectives),
       stop_(stop),
       start_(start.begin(), start.end()),
       population_(static_cast<int>(Population(options, start.size()))),
@@ -125,10 +144,15 @@ PolicySearch::PolicySearch(const PolicySearchOptions& options, std::span<const d
       n_slots_(static_cast<int>(std::clamp<std::int64_t>(
           AffordableCandidates(options) / population_, 1,
           options.restarts == RestartStrategy::kSingle ? 1 : options.concurrent))),
+      round_generations_(static_cast<int>(
+          std::clamp<std::int64_t>(AffordableCandidates(options) * kMinGenerations /
+                                       (std::int64_t{population_} * n_slots_ * kRounds),
+                                   1, kMaxRoundGenerations))),
       scheduler_(options.restarts, Population(options, start.size()),
                  static_cast<int>(std::min<std::int64_t>(AffordableCandidates(options) / n_slots_,
                                                          std::numeric_limits<int>::max())),
-                 options.restart_sigma, options.restart_decades) {
+                 options.restart_sigma, options.restart_decades),
+      own_batches_(own_objectives.size()) {
   for (double& value : start_) value = std::clamp(value, -options.bound, options.bound);
   runs_.reserve(static_cast<std::size_t>(n_slots_));
   for (int i = 0; i < n_slots_; ++i) runs_.push_back(NewRun());
@@ -185,63 +209,103 @@ std::int64_t PolicySearch::ComparisonReserve() const {
          promotions * FinalComparisonCost(n_runs, promotion_rollouts_);
 }
 
-bool PolicySearch::PlanGeneration(double share) {
-  if (runs_.empty()) return false;
-  batch_.n_candidates = batch_.n_returns = 0;
-  for (SearchRun& run : runs_) run.Plan(&batch_);
-  const auto batch_size = static_cast<std::int64_t>(batch_.n_returns);
+int PolicySearch::PlanRound(double share) const {
+  if (runs_.empty()) return 0;
+  std::int64_t generation = 0;
+  for (const SearchRun& run : runs_) generation += run.NextReturns();
   const std::int64_t reserve = ComparisonReserve();
-  const double available = static_cast<double>(options_.evaluations - reserve);
-  if (static_cast<double>(evaluations_ + batch_size) > share * available) {
-    if (evaluations_ > 0) return false;
-    const double needed = static_cast<double>(reserve) + static_cast<double>(batch_size) / share;
-    throw InvalidInput(
-        "search.evaluations = " + std::to_string(options_.evaluations) + ": must be at least " +
-        std::to_string(static_cast<std::int64_t>(std::ceil(needed))) +
-        ", for one generation of search.population = " + std::to_string(population_) +
-        " with search.rollouts = " + std::to_string(options_.rollouts) +
-        " and the final comparison");
+  const double available = share * static_cast<double>(options_.evaluations - reserve);
+  const double left = available - static_cast<double>(evaluations_);
+  if (static_cast<double>(generation) <= left) {
+    // What re-evaluates may take more rollouts in the generation after.
+    const int most = runs_.front().reevaluates() ? 1 : round_generations_;
+    return static_cast<int>(std::min<double>(most, left / static_cast<double>(generation)));
   }
+  if (evaluations_ > 0) return 0;
+  const double needed = static_cast<double>(reserve) + static_cast<double>(generation) / share;
+  throw InvalidInput(
+      "search.evaluations = " + std::to_string(options_.evaluations) + ": must be at least " +
+      std::to_string(static_cast<std::int64_t>(std::ceil(needed))) +
+      ", for one generation of search.population = " + std::to_string(population_) +
+      " with search.rollouts = " + std::to_string(options_.rollouts) + " and the final comparison");
+}
+
+bool PolicySearch::RunRound(double share) {
+  const int generations = PlanRound(share);
+  if (generations == 0) return false;
+  std::vector<std::int64_t> before;
+  for (const SearchRun& run : runs_) before.push_back(run.evaluations());
+  if (own_objectives_.size() > 1 && runs_.size() >= own_objectives_.size()) {
+    RunApart(generations);
+  } else {
+    RunTogether(generations);
+  }
+  for (std::size_t i = 0; i < runs_.size(); ++i) {
+    const std::int64_t spent = runs_[i].evaluations() - before[i];
+    evaluations_ += spent;
+    if (!runs_[i].promoted()) scheduler_.Add(runs_[i].plan(), spent);
+  }
+  SummariseGeneration();
+  EndStoppedRuns();
   return true;
 }
 
-bool PolicySearch::RunGeneration(double share) {
+void PolicySearch::RunTogether(int generations) {
+  RunQueue queue(runs_, generations, 1);
+  std::vector<SearchRun*> taken;
+  while (queue.Take(&taken)) {
+    RunGeneration(taken, options_.threads, objective_, &batch_);
+    queue.Return(taken);
+  }
+}
+
+void PolicySearch::RunApart(int generations) {
+  using Clock = std::chrono::steady_clock;
+  const int n_threads = static_cast<int>(own_objectives_.size());
+  RunQueue queue(runs_, generations, n_threads);
+  std::vector<Clock::duration> work_times(own_objectives_.size());
+  const Clock::time_point start = Clock::now();
+  const auto work = [&](int i) {
+    const auto t = static_cast<std::size_t>(i);
+    Clock::duration worked{};
+    std::vector<SearchRun*> taken;
+    try {
+      while (queue.Take(&taken)) {
+        const Clock::time_point begin = Clock::now();
+        RunGeneration(taken, 1, own_objectives_[t], &own_batches_[t]);
+        worked += Clock::now() - begin;
+        queue.Return(taken);
+      }
+    } catch (...) {
+      queue.Abandon();
+      throw;
+    }
+    work_times[t] = worked;
+  };
+  ParallelFor(n_threads, n_threads, work, Assignment::kFixed);
+  const Clock::duration elapsed = Clock::now() - start;
+  for (const Clock::duration worked : work_times) {
+    waiting_seconds_ += std::chrono::duration<double>(elapsed - worked).count();
+  }
+}
+
+void PolicySearch::RunGeneration(std::span<SearchRun* const> runs, int threads,
+                                 const BatchObjective& objective, SearchBatch* batch) const {
   if (stop_ != nullptr && stop_->load()) throw Interrupted();
-  if (!PlanGeneration(share)) return false;
-  batch_.parameters.resize(batch_.n_candidates * dimension_);
-  batch_.keys.resize(batch_.n_candidates);
-  batch_.n_rollouts.resize(batch_.n_candidates);
-  batch_.first_rollout.assign(batch_.n_candidates, 0);
-  batch_.returns.resize(batch_.n_returns);
-  batch_.groups.clear();
-  if (options_.stop_lost_causes) {
-    for (const SearchRun& running : runs_) batch_.groups.push_back(running.group());
-  }
-  const int n_runs = static_cast<int>(runs_.size());
-  const auto ask = [this](int i) { runs_[static_cast<std::size_t>(i)].Ask(&batch_); };
-  const auto tell = [this](int i) { runs_[static_cast<std::size_t>(i)].Tell(batch_); };
-  ParallelFor(n_runs, options_.threads, ask, Assignment::kFixed);
-  objective_({static_cast<int>(batch_.n_candidates), batch_.parameters, batch_.keys,
-              batch_.n_rollouts, batch_.first_rollout, batch_.groups},
-             batch_.returns);
-  ParallelFor(n_runs, options_.threads, tell, Assignment::kFixed);
-  evaluations_ += static_cast<std::int64_t>(batch_.n_returns);
-  SummariseGeneration();
-  for (const SearchRun& told : runs_) {
-    if (!told.promoted()) scheduler_.Add(told.plan(), told.n_returns());
-  }
-  EndStoppedRuns();
-  return true;
+  LayOut(runs, options_.stop_lost_causes, batch);
+  const int n_runs = static_cast<int>(runs.size());
+  const auto ask = [&](int i) { runs[static_cast<std::size_t>(i)]->Ask(batch); };
+  const auto tell = [&](int i) { runs[static_cast<std::size_t>(i)]->Tell(*batch); };
+  ParallelFor(n_runs, threads, ask, Assignment::kFixed);
+  objective(batch->Candidates(), batch->returns);
+  ParallelFor(n_runs, threads, tell, Assignment::kFixed);
 }
 
 // Runs that met a stopping criterion make room for others.
 void PolicySearch::EndStoppedRuns() {
   for (SearchRun& run : runs_) {
     std::string stop(run.stop());
-    if (run.promoted()) {
-      // It was among the best: it keeps its share although its progress is slow.
-      if (stop == "Stagnation") stop.clear();
-    } else if (stop.empty() && scheduler_.IsExhausted(run.plan(), run.evaluations())) {
+    if (!run.promoted() && stop.empty() && scheduler_.IsExhausted(run.plan(), run.evaluations())) {
       stop = "SmallBudget";
     }
     if (stop.empty()) continue;
@@ -356,7 +420,8 @@ PolicySearchResult PolicySearch::Finish() {
 
 PolicySearchProgress PolicySearch::Progress() const {
   return {evaluations_, options_.evaluations, scheduler_.runs_started(),
-          best_return_, mean_return_,         runs_};
+          best_return_, mean_return_,         waiting_seconds_,
+          runs_};
 }
 
 }  // namespace
@@ -364,18 +429,19 @@ PolicySearchProgress PolicySearch::Progress() const {
 void CheckSearchBudget(const PolicySearchOptions& options, std::span<const double> start,
                        std::uint64_t seed, std::uint32_t episode) {
   const BatchObjective none;
-  PolicySearch(options, start, seed, episode, none, nullptr).PlanGeneration(options.exploration);
+  PolicySearch(options, start, seed, episode, none, {}, nullptr).PlanRound(options.exploration);
 }
 
 PolicySearchResult SearchPolicy(const PolicySearchOptions& options, std::span<const double> start,
                                 std::uint64_t seed, std::uint32_t episode,
                                 const BatchObjective& objective,
                                 const std::function<void(const PolicySearchProgress&)>& progress,
-                                const std::atomic<bool>* stop) {
+                                const std::atomic<bool>* stop,
+                                std::span<const BatchObjective> own_objectives) {
   CheckPolicySearchOptions(options, start);
-  PolicySearch search(options, start, seed, episode, objective, stop);
+  PolicySearch search(options, start, seed, episode, objective, own_objectives, stop);
   const auto run_until = [&](double share) {
-    while (search.RunGeneration(share)) {
+    while (search.RunRound(share)) {
       if (progress) progress(search.Progress());
     }
   };

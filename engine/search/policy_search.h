@@ -60,7 +60,7 @@ struct PolicySearchOptions {
   double first_sigma = 1;        // step size of the first run, from the last policy; > 0
   double restart_sigma = 5;      // restarts draw sigma = restart_sigma 10^(-decades U); > 0
   double restart_decades = 1.3;  // [0, 10]
-  int threads = 1;  // OpenMP threads that update the runs, no matter for the result; >= 1
+  int threads = 1;  // OpenMP threads that update the runs of a batch, whatever the result; >= 1
   RestartStrategy restarts = RestartStrategy::kSmall;
   UncertaintyHandling uncertainty = UncertaintyHandling::kOff;
   // What CMA-ES adapts beside mean and sigma. A run ends before it could learn the whole matrix of
@@ -110,6 +110,8 @@ struct PolicySearchProgress {
   int runs_started = 0;
   double best_return = 0;  // best value of the last generation, all instances together
   double mean_return = 0;  // mean value of it; both that of the result after the comparison
+  // Of threads with objectives of their own, all together, until others had finished their rounds.
+  double waiting_seconds = 0;
   // The runs under way (engine/search/search_run.h), for the time of the call; none at the end.
   std::span<const SearchRun> runs;
 };
@@ -143,14 +145,24 @@ struct PolicySearchResult {
 //
 // All random numbers derive from (seed, episode, run, generation, candidate), less what
 // common_random_numbers leaves out; the result depends on nothing else. A return that is not finite
-// counts as worse than any other. `progress` (may be empty) is called after every batch; `stop`
-// (may be null) is looked at between batches and ends the search by throwing Interrupted. Throws
+// counts as worse than any other.
+//
+// Runs go on in rounds of generations: a 64th of what the budget holds, at most 32, one with kSigma
+// and kRollouts. What meets a stopping criterion waits for the end of its round. In a round the
+// generations of all runs make one batch each for `objective`, which may use many threads. If there
+// are own_objectives instead, one a thread, and runs for all of them, each of so many OpenMP
+// threads takes some of the runs through the round on its own, with the objective of its number, at
+// the same time as the others; it must return what `objective` would.
+//
+// `progress` (may be empty) is called after every round; `stop` (may be null) is looked at between
+// batches and ends the search by throwing Interrupted. Throws
 // InvalidInput for options out of range, an empty or non-finite start, or a budget that holds not
 // even one generation.
 PolicySearchResult SearchPolicy(const PolicySearchOptions& options, std::span<const double> start,
                                 std::uint64_t seed, std::uint32_t episode,
                                 const BatchObjective& objective,
                                 const std::function<void(const PolicySearchProgress&)>& progress,
-                                const std::atomic<bool>* stop);
+                                const std::atomic<bool>* stop,
+                                std::span<const BatchObjective> own_objectives = {});
 
 }  // namespace downpour

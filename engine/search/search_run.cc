@@ -73,21 +73,27 @@ void SearchRun::Promote(int min_rollouts) {
   rollouts_ = std::max<double>(rollouts_, min_rollouts_);
 }
 
+std::size_t SearchRun::NextReevaluations() const {
+  if (!reevaluates()) return 0;
+  double draw;
+  FillUniforms(DeriveKey(seed_, StreamPurpose::kReevaluation,
+                         {episode_, static_cast<std::uint32_t>(plan_.run),
+                          static_cast<std::uint32_t>(cma_.generation())}),
+               0, &draw, 1);
+  return static_cast<std::size_t>(ReevaluationCount(plan_.population, draw));
+}
+
+std::int64_t SearchRun::NextReturns() const {
+  return std::lround(rollouts_) * static_cast<std::int64_t>(costs_.size() + NextReevaluations());
+}
+
 void SearchRun::Plan(SearchBatch* batch) {
   n_rollouts_ = static_cast<std::size_t>(std::lround(rollouts_));
-  if (uncertainty_ == UncertaintyHandling::kSigma ||
-      uncertainty_ == UncertaintyHandling::kRollouts) {
-    double draw;
-    FillUniforms(DeriveKey(seed_, StreamPurpose::kReevaluation,
-                           {episode_, static_cast<std::uint32_t>(plan_.run),
-                            static_cast<std::uint32_t>(cma_.generation())}),
-                 0, &draw, 1);
-    reevaluated_.resize(static_cast<std::size_t>(ReevaluationCount(plan_.population, draw)));
-  }
+  reevaluated_.resize(NextReevaluations());
   first_candidate_ = batch->n_candidates;
   first_return_ = batch->n_returns;
   batch->n_candidates += n_candidates();
-  batch->n_returns += static_cast<std::size_t>(n_returns());
+  batch->n_returns += n_candidates() * n_rollouts_;
 }
 
 void SearchRun::FillRolloutKeys(StreamPurpose purpose, std::span<StreamKey> keys) const {
@@ -129,7 +135,7 @@ void SearchRun::Tell(const SearchBatch& batch) {
     const double cost = Cost(returns.subspan(first_return_ + k * n_rollouts_, n_rollouts_));
     (k < costs_.size() ? costs_[k] : reevaluated_[k - costs_.size()]) = cost;
   }
-  evaluations_ += n_returns();
+  evaluations_ += static_cast<std::int64_t>(n_candidates() * n_rollouts_);
   if (reevaluated_.empty()) {
     cma_.Tell(costs_);
     return;
@@ -144,6 +150,31 @@ void SearchRun::Tell(const SearchBatch& batch) {
   } else if (measure > 0) {
     cma_.ScaleSigma(SigmaFactor(cma_.dimension()));
   }
+}
+
+void LayOut(std::span<SearchRun* const> runs, bool grouped, SearchBatch* batch) {
+  batch->n_candidates = batch->n_returns = 0;
+  batch->groups.clear();
+  for (SearchRun* run : runs) {
+    run->Plan(batch);
+    if (grouped) batch->groups.push_back(run->group());
+  }
+  batch->parameters.resize(batch->n_candidates *
+                           static_cast<std::size_t>(runs.front()->dimension()));
+  batch->keys.resize(batch->n_candidates);
+  batch->n_rollouts.resize(batch->n_candidates);
+  batch->first_rollout.assign(batch->n_candidates, 0);
+  batch->returns.resize(batch->n_returns);
+}
+
+SearchBatch NextGeneration(std::span<const SearchRun> runs) {
+  std::vector<SearchRun> copies(runs.begin(), runs.end());
+  std::vector<SearchRun*> all;
+  for (SearchRun& run : copies) all.push_back(&run);
+  SearchBatch batch;
+  LayOut(all, false, &batch);
+  for (SearchRun& run : copies) run.Ask(&batch);
+  return batch;
 }
 
 }  // namespace downpour

@@ -20,6 +20,10 @@ struct SearchBatch {
   std::vector<int> n_rollouts, first_rollout;
   std::vector<CandidateGroup> groups;
   std::size_t n_candidates = 0, n_returns = 0;  // laid out so far
+
+  CandidateBatch Candidates() const {
+    return {static_cast<int>(n_candidates), parameters, keys, n_rollouts, first_rollout, groups};
+  }
 };
 
 // One CMA-ES run of a policy search, with uncertainty handling. A generation is Plan, Ask, Tell.
@@ -33,16 +37,26 @@ class SearchRun {
 
   const RunPlan& plan() const { return plan_; }
   std::int64_t evaluations() const { return evaluations_; }
-  std::string_view stop() const { return cma_.stop(); }
+  // The criterion that ends it, or empty. A promoted run does not end for "Stagnation": it was
+  // among the best, and keeps its share although its progress is slow.
+  std::string_view stop() const {
+    return promoted_ && cma_.stop() == "Stagnation" ? std::string_view() : cma_.stop();
+  }
   std::span<const double> costs() const { return costs_; }  // of the last generation
   std::vector<double> Mean() const;                         // (P) within the bounds
   // Goes on with at least so many rollouts a candidate (under kRollouts within its limit).
   void Promote(int min_rollouts);
   bool promoted() const { return promoted_; }
+  int dimension() const { return cma_.dimension(); }
+  // Whether some candidates are evaluated twice, and rollouts may change.
+  bool reevaluates() const {
+    return uncertainty_ == UncertaintyHandling::kSigma ||
+           uncertainty_ == UncertaintyHandling::kRollouts;
+  }
   // What of the ranking matters: the parents, and the median, which stopping criteria look at.
   CandidateGroup group() const { return {plan_.population, plan_.population / 2 + 1}; }
-  // Rollouts of this generation.
-  std::int64_t n_returns() const { return static_cast<std::int64_t>(n_candidates() * n_rollouts_); }
+  // Rollouts of the next generation.
+  std::int64_t NextReturns() const;
 
   // Takes the next part of the batch.
   void Plan(SearchBatch* batch);
@@ -53,6 +67,8 @@ class SearchRun {
 
  private:
   std::size_t n_candidates() const { return costs_.size() + reevaluated_.size(); }
+  // What the next generation evaluates twice.
+  std::size_t NextReevaluations() const;
   // Of the rollouts of this generation's candidates, or of their second evaluations.
   void FillRolloutKeys(StreamPurpose purpose, std::span<StreamKey> keys) const;
 
@@ -73,5 +89,12 @@ class SearchRun {
   std::vector<double> costs_, reevaluated_;
   std::vector<int> ranking_;
 };
+
+// Plans the next generation of all runs in a batch and makes room for it, the candidates of each
+// run a group if `grouped`.
+void LayOut(std::span<SearchRun* const> runs, bool grouped, SearchBatch* batch);
+
+// The candidates that the runs will ask for next. Allocates.
+SearchBatch NextGeneration(std::span<const SearchRun> runs);
 
 }  // namespace downpour

@@ -66,11 +66,15 @@ TEST_CASE("policy_search: every promotion halves the runs, which fill as many la
   options.exploration = 0.4;
   options.promotions = 3;
   std::vector<std::int64_t> spent(9, 0), full(9, 0);  // by runs side by side
+  int n_runs = 0;
   const BatchObjective inner = Noisy(Rastrigin, 1);
   const auto objective = [&](const CandidateBatch& batch, std::span<double> returns) {
     inner(batch, returns);
-    if (batch.n_rollouts[0] > 4) return;  // a comparison
-    const int n_runs = batch.n_candidates / 10;
+    if (batch.n_rollouts[0] > 4) {  // a comparison, after which a stage begins
+      n_runs = 0;
+      return;
+    }
+    if (n_runs == 0) n_runs = batch.n_candidates / 10;
     // A run that begins in the place of one that has converged has one rollout a candidate.
     const int most = *std::max_element(batch.n_rollouts.begin(), batch.n_rollouts.end());
     CHECK((most == 1 || most * n_runs == 4));

@@ -85,6 +85,61 @@ TEST_CASE("policy_search: the bits do not depend on the number of threads") {
   }
 }
 
+TEST_CASE("policy_search: threads with objectives of their own change nothing but who evaluates") {
+  PolicySearchOptions options = SmallOptions();
+  options.concurrent = 7;
+  std::int64_t expected_rollouts = 0;
+  const PolicySearchResult expected = Search(options, Noisy(Hill, 1, &expected_rollouts));
+  for (const std::size_t threads : {2, 3, 6, 7}) {
+    options.threads = static_cast<int>(threads);
+    // Each counts for itself, as only one thread may call it at a time.
+    std::vector<std::int64_t> rollouts(threads, 0);
+    std::vector<std::atomic<int>> inside(threads);
+    std::atomic<bool> shared = false;
+    std::vector<BatchObjective> own;
+    for (std::size_t t = 0; t < threads; ++t) {
+      own.push_back([&, t, noisy = Noisy(Hill, 1, &rollouts[t])](const CandidateBatch& batch,
+                                                                 std::span<double> returns) {
+        if (++inside[t] != 1) shared = true;
+        noisy(batch, returns);
+        --inside[t];
+      });
+    }
+    double waiting = -1;
+    std::int64_t together = 0;
+    const PolicySearchResult result = SearchPolicy(
+        options, std::vector<double>(kP, 0.0), 1, 2, Noisy(Hill, 1, &together),
+        [&](const PolicySearchProgress& now) {
+          CHECK(now.waiting_seconds >= waiting);
+          waiting = now.waiting_seconds;
+        },
+        nullptr, own);
+    CHECK_FALSE(shared);
+    CHECK(result.parameters == expected.parameters);
+    CHECK(result.predicted_return == expected.predicted_return);
+    CHECK(result.evaluations == expected.evaluations);
+    REQUIRE(result.runs.size() == expected.runs.size());
+    for (std::size_t k = 0; k < result.runs.size(); ++k) {
+      CHECK(result.runs[k].evaluations == expected.runs[k].evaluations);
+      CHECK(result.runs[k].stop == expected.runs[k].stop);
+    }
+    // Six runs explore, what the budget holds; seven threads have none for all of them.
+    for (const std::int64_t own_rollouts : rollouts) CHECK((own_rollouts > 0) == (threads < 7));
+    CHECK((waiting > 0) == (threads < 7));
+    CHECK(std::accumulate(rollouts.begin(), rollouts.end(), together) == expected_rollouts);
+  }
+}
+
+TEST_CASE("policy_search: what an objective of one thread throws arrives") {
+  PolicySearchOptions options = SmallOptions();
+  options.threads = 2;
+  const std::vector<BatchObjective> own = {
+      Noisy(Hill, 1), [](const CandidateBatch&, std::span<double>) { throw InvalidInput("own"); }};
+  CHECK_THROWS_WITH_AS(
+      SearchPolicy(options, std::vector<double>(kP, 0.0), 1, 2, Noisy(Hill, 1), {}, nullptr, own),
+      "own", InvalidInput);
+}
+
 TEST_CASE("policy_search: spends no more than its budget and accounts for every rollout") {
   for (const std::int64_t evaluations : {1000, 3000, 20000}) {
     for (const int rollouts : {1, 3}) {
@@ -185,23 +240,24 @@ TEST_CASE("policy_search: common random numbers are those of a generation or of 
     options.population = 10;
     options.common_random_numbers = common;
     std::set<std::tuple<std::uint32_t, std::uint32_t>> seen;
-    int batches = 0;
+    std::size_t generations = 0;  // of both runs together
     bool comparing = false;
     const BatchObjective inner = Noisy(Hill, 1);
     Search(options, [&](const CandidateBatch& batch, std::span<double> returns) {
       inner(batch, returns);
       comparing = comparing || batch.n_rollouts[0] > 1;
       if (comparing) return;
-      REQUIRE(batch.n_candidates == 20);
-      ++batches;
-      for (std::size_t c = 0; c < 20; ++c) {
+      const auto n = static_cast<std::size_t>(batch.n_candidates);
+      REQUIRE((n == 10 || n == 20));
+      generations += n / 10;
+      for (std::size_t c = 0; c < n; ++c) {
         CHECK(batch.keys[c] == batch.keys[c / 10 * 10]);
         seen.emplace(batch.keys[c].word0, batch.keys[c].word1);
       }
     });
-    CHECK(batches > 100);
+    CHECK(generations > 200);
     const bool one = common == CommonRandomNumbers::kSearch;
-    CHECK(seen.size() == (one ? 1 : 2 * static_cast<std::size_t>(batches)));
+    CHECK(seen.size() == (one ? 1 : generations));
   }
 }
 

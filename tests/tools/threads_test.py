@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
-"""A run has the same bits for any number of threads."""
+"""A run has the same bits for any number of threads, and bound threads have all processors."""
+import os
+import re
 import shutil
 
 from command import Claims, downpour, results, scratch_directory
@@ -36,4 +38,10 @@ compare("cart-pole, rollouts that grow, small restarts", "cartpole", "--set",
         "search.max_rollouts=8")
 compare("pendulum, means only", "pendulum", "--no-variance")
 compare("pendulum, by OpenBLAS", "pendulum", "--backend", "blas")
+
+# The program starts itself again, where it may have been bound to one place already.
+threads = [re.search(r"^threads +(\d+)", downpour("doctor", env={**os.environ, **env}).stdout, re.M)
+           for env in ({}, {"OMP_PROC_BIND": "close", "OMP_PLACES": "cores"})]
+claims.check("doctor: OMP_PROC_BIND leaves as many threads", all(threads) and
+             threads[0].group(1) == threads[1].group(1), threads)
 claims.exit()

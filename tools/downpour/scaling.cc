@@ -18,6 +18,7 @@
 
 #include "engine/errors.h"
 #include "engine/learner/atomic_file.h"
+#include "engine/learner/rollout_objective.h"
 #include "engine/learner/suggest.h"
 #include "tasks/registry.h"
 #include "tools/downpour/commands.h"
@@ -140,7 +141,7 @@ Subject MakeSubject(const std::string& name, const ScalingArguments& arguments, 
 struct SearchOutcome {
   TimedSearch times;
   std::vector<double> parameters;
-  std::vector<int> batch_lanes;
+  std::vector<int> batch_lanes;  // of the batches that all threads share: by one thread, of all
 };
 
 SearchOutcome Search(const Subject& subject, TimedSearch what) {
@@ -152,20 +153,21 @@ SearchOutcome Search(const Subject& subject, TimedSearch what) {
   }
   EvaluatorOptions rollout = subject.model.rollout;
   rollout.threads = what.threads;
-  Evaluator evaluator(subject.task, *subject.model.policy, subject.model.factors, rollout,
-                      subject.model.prior);
+  RolloutObjective objective(subject.task, *subject.model.policy, subject.model.factors, rollout,
+                             subject.model.prior);
   SearchOutcome outcome{what, {}, {}};
+  double waiting_seconds = 0;
   const auto start = std::chrono::steady_clock::now();
   const PolicySearchResult result = SearchPolicy(
       options, subject.start, static_cast<std::uint64_t>(what.replicate), subject.model.episode,
       [&](const CandidateBatch& batch, std::span<double> returns) {
-        evaluator.Evaluate(batch.parameters, batch.keys, batch.n_rollouts, batch.first_rollout,
-                           returns, batch.groups);
+        objective.Evaluate(batch, returns);
         outcome.batch_lanes.push_back(static_cast<int>(returns.size()));
       },
-      {}, nullptr);
+      [&](const PolicySearchProgress& now) { waiting_seconds = now.waiting_seconds; }, nullptr,
+      objective.own_objectives());
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
-  const EvaluatorStatistics& statistics = evaluator.statistics();
+  const EvaluatorStatistics statistics = objective.Statistics(waiting_seconds);
   outcome.times.seconds = elapsed.count();
   outcome.times.rollout_seconds = statistics.seconds;
   outcome.times.lane_fill = statistics.LaneFill();
@@ -226,7 +228,7 @@ ScaledTask ScaleTask(const std::string& name, const ScalingArguments& arguments)
         throw std::logic_error("the number of threads changed the result of the search");
       }
       task.searches.push_back(outcome.times);
-      batch_lanes = std::move(outcome.batch_lanes);
+      if (threads == 1) batch_lanes = std::move(outcome.batch_lanes);
       if (!arguments.weak || threads == 1) continue;
       task.searches.push_back(Search(subject, {true, threads, replicate}).times);
     }
