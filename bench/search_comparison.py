@@ -123,7 +123,8 @@ def search(task, run, setting, seed, evaluations, out):
         os.makedirs(folder, exist_ok=True)
         command = [PROGRAM, task, run, "--episodes", str(n_episodes(run) - 1), "--first-seed",
                    str(seed), "--evaluations", str(evaluations)]
-        for key, value in {"common-random-numbers": "off", "covariance": "full", **setting}.items():
+        for key, value in {"common-random-numbers": "off", "covariance": "full",
+                           "population": 0, **setting}.items():
             command += [f"--{key}", str(value)]
         result = subprocess.run(command, capture_output=True, text=True)
         if result.returncode:

@@ -449,7 +449,7 @@ PolicySearchResult SearchPolicy(const PolicySearchOptions& options, std::span<co
   for (int k = 1; k <= options.promotions && options.exploration < 1; ++k) {
     const bool last = k == options.promotions;
     const int n_runs = std::max(1, search.n_slots() >> k);
-    const int factor = std::max(last ? kLastRollouts : 1, search.n_slots() / 2 / n_runs);
+    const int factor = std::max(last ? kLastRollouts : 1, search.n_slots() / n_runs);
     search.Promote(n_runs, factor * options.rollouts);
     run_until(last ? 1 : options.exploration + (1 - options.exploration) * k / options.promotions);
   }

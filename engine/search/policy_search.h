@@ -42,7 +42,10 @@ enum class CommonRandomNumbers {
 
 struct PolicySearchOptions {
   std::int64_t evaluations = 300000;  // rollouts an episode's search may spend; [100, 1e12]
-  int population = 0;                 // lambda; 0: CMA-ES's default; 0 or [2, 100000]
+  // lambda; 0: CMA-ES's default, 4 + 3 ln P; 0 or [2, 100000]. Eight runs of 12 candidates are two
+  // full tiles of lanes, and find good policies of networks sooner than the default
+  // (docs/search.md).
+  int population = 12;
   int rollouts = 1;       // rollouts a candidate, more in the later stages of the selection
                           // (within max_rollouts for kRollouts); [1, 10000]
   int max_rollouts = 20;  // limit of kRollouts; [1, 10000]
@@ -133,9 +136,9 @@ struct PolicySearchResult {
 // a run that meets a stopping criterion makes room for a new one. Then all runs that may still
 // improve are compared by 48 fresh rollouts each, and the best, half as many as there were
 // instances, go on from where they were; then the same again with half as many, `promotions` times
-// in all. From the second time on half as many runs take twice the `rollouts` of the time before,
-// and the last ones at least 2 of them. When a promoted run converges, the next best of the runs
-// that were passed over goes on in its place, or a new one starts, until no generation fits.
+// in all. Half as many runs take twice the `rollouts`, and the last ones at least 2 of them. When a
+// promoted run converges, the next best of the runs that were passed over goes on in its place, or
+// a new one starts, until no generation fits.
 //
 // At the end the final means of all runs and `start` itself are compared by fresh rollouts on
 // common random streams, and the best is returned. Its return is predicted by as many rollouts

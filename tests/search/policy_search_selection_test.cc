@@ -42,12 +42,16 @@ TEST_CASE("policy_search: the best runs get the rest of the budget") {
       result.runs.begin(), result.runs.end(),
       [](const auto& a, const auto& b) { return a.mean_return < b.mean_return; });
   CHECK(worst->mean_return < best->mean_return - 0.5);
-  CHECK(longest->mean_return > best->mean_return - 0.5);
+  // Which is not the best if that has converged.
+  const auto behind =
+      std::count_if(result.runs.begin(), result.runs.end(),
+                    [&](const RunRecord& run) { return run.mean_return < longest->mean_return; });
+  CHECK(2 * behind >= std::ssize(result.runs));
 }
 
 TEST_CASE("policy_search: runs that were passed over go on before new ones start") {
   PolicySearchOptions options = SmallOptions();
-  options.evaluations = 40000;
+  options.evaluations = 120000;
   options.concurrent = 8;
   options.exploration = 0.4;
   options.promotions = 2;
@@ -70,15 +74,15 @@ TEST_CASE("policy_search: every promotion halves the runs, which fill as many la
   const BatchObjective inner = Noisy(Rastrigin, 1);
   const auto objective = [&](const CandidateBatch& batch, std::span<double> returns) {
     inner(batch, returns);
-    if (batch.n_rollouts[0] > 4) {  // a comparison, after which a stage begins
+    if (batch.n_rollouts[0] > 8) {  // a comparison, after which a stage begins
       n_runs = 0;
       return;
     }
     if (n_runs == 0) n_runs = batch.n_candidates / 10;
     // A run that begins in the place of one that has converged has one rollout a candidate.
     const int most = *std::max_element(batch.n_rollouts.begin(), batch.n_rollouts.end());
-    CHECK((most == 1 || most * n_runs == 4));
-    full[static_cast<std::size_t>(n_runs)] += most == std::max(1, 4 / n_runs);
+    CHECK((most == 1 || most * n_runs == 8));
+    full[static_cast<std::size_t>(n_runs)] += most == 8 / n_runs;
     spent[static_cast<std::size_t>(n_runs)] += std::ssize(returns);
   };
   const PolicySearchResult result = Search(options, objective);
@@ -286,7 +290,7 @@ TEST_CASE("policy_search: candidates of a generation compete, those of a compari
   int generations = 0, comparisons = 0;
   const PolicySearchResult with = Search(options, [&](const auto& batch, auto returns) {
     inner(batch, returns);
-    if (batch.n_rollouts[0] > 2) {
+    if (batch.n_rollouts[0] > 4) {
       CHECK(batch.groups.empty());
       ++comparisons;
       return;
