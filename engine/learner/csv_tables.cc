@@ -37,14 +37,14 @@ const char* Boolean(bool value) { return value ? "true" : "false"; }
 std::string EpisodesCsv(const LearnerState& state) {
   std::string csv =
       "episode,random,interaction_seconds [s],points,evaluations [rollouts],gp_queries,"
-      "diverged [rollouts],lane_fill,predicted_return,return,solved,steps,outcome\n";
+      "diverged [rollouts],predicted_return,return,solved,steps,outcome\n";
   for (const EpisodeRecord& record : state.episodes) {
     AppendRow({std::to_string(record.episode), Boolean(record.random),
                CsvField(record.interaction_seconds), std::to_string(record.points),
                std::to_string(record.evaluations), std::to_string(record.gp_queries),
-               std::to_string(record.diverged), CsvField(record.lane_fill),
-               CsvField(record.predicted_return), CsvField(record.real_return),
-               Boolean(record.solved), std::to_string(record.steps), CsvField(record.outcome)},
+               std::to_string(record.diverged), CsvField(record.predicted_return),
+               CsvField(record.real_return), Boolean(record.solved), std::to_string(record.steps),
+               CsvField(record.outcome)},
               &csv);
   }
   return csv;
@@ -57,6 +57,7 @@ std::string TimingCsv(const std::vector<Variable>& outputs, const LearnerState& 
                                      "search_seconds [s]",
                                      "gp_queries_per_second [1/s]",
                                      "rollout_seconds [s]",
+                                     "lane_fill",
                                      "idle_share",
                                      "rollout_time_per_gp_query [ns]"};
   for (const Variable& output : outputs) {
@@ -67,13 +68,11 @@ std::string TimingCsv(const std::vector<Variable>& outputs, const LearnerState& 
   for (const EpisodeRecord& record : state.episodes) {
     const auto queries = static_cast<double>(record.gp_queries);
     const double rate = record.gp_queries > 0 ? queries / record.search_seconds : kNaN;
-    std::vector<std::string> row = {std::to_string(record.episode),
-                                    CsvField(record.model_seconds),
-                                    CsvField(record.search_seconds),
-                                    CsvField(rate),
-                                    CsvField(record.rollout_seconds),
-                                    CsvField(record.idle_share),
-                                    CsvField(RolloutNanosecondsPerQuery(record))};
+    std::vector<std::string> row = {
+        std::to_string(record.episode),   CsvField(record.model_seconds),
+        CsvField(record.search_seconds),  CsvField(rate),
+        CsvField(record.rollout_seconds), CsvField(record.lane_fill),
+        CsvField(record.idle_share),      CsvField(RolloutNanosecondsPerQuery(record))};
     AppendNumbers(record.query_nanoseconds.empty() ? std::vector<double>(outputs.size(), kNaN)
                                                    : record.query_nanoseconds,
                   &row);

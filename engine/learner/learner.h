@@ -120,7 +120,8 @@ struct EpisodeRecord {
   std::int64_t evaluations = 0;
   std::int64_t gp_queries = 0;
   std::int64_t diverged = 0;
-  // Rollouts / lanes of the vectors they were packed in, (0, 1]; NaN for a random episode.
+  // Rollouts / lanes of the vectors they were packed in, (0, 1]; NaN for a random episode. Depends
+  // on which thread took what, as the next does.
   double lane_fill = 0;
   // Of threads x rollout_seconds, what threads spent without a tile; NaN for a random episode.
   double idle_share = 0;

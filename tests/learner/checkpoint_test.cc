@@ -46,6 +46,7 @@ TEST_CASE("checkpoint: every number comes back with the same bits, NaN and denor
   CHECK(read.episodes[1].model_seconds == state.episodes[1].model_seconds);
   CHECK(read.episodes[1].search_seconds == state.episodes[1].search_seconds);
   CHECK(read.episodes[1].rollout_seconds == state.episodes[1].rollout_seconds);
+  CHECK(read.episodes[1].lane_fill == state.episodes[1].lane_fill);
   CHECK(read.episodes[1].idle_share == state.episodes[1].idle_share);
   CHECK(std::isnan(read.episodes[0].idle_share));
   CHECK(SameBits(read.episodes[1].query_nanoseconds, state.episodes[1].query_nanoseconds));

@@ -87,18 +87,20 @@ TEST_CASE("run directory: the tables have a header with units and a row an episo
   CHECK(lines("episodes.csv") ==
         std::vector<std::string>{
             "episode,random,interaction_seconds [s],points,evaluations [rollouts],gp_queries,"
-            "diverged [rollouts],lane_fill,predicted_return,return,solved,steps,outcome",
-            "1,true,0.5,0,0,0,0,,,0,false,5,complete",
-            "2,false,1,5,9007199254740992,9223372036854775807,3,0.6666666666666666,"
+            "diverged [rollouts],predicted_return,return,solved,steps,outcome",
+            "1,true,0.5,0,0,0,0,,0,false,5,complete",
+            "2,false,1,5,9007199254740992,9223372036854775807,3,"
             "1.3333333333333333,5e-324,true,3,\"aborted at step 3: \"\"x\"\", y\""});
   CHECK(lines("timing.csv") ==
         std::vector<std::string>{
             "episode,model_seconds [s],search_seconds [s],gp_queries_per_second [1/s],"
-            "rollout_seconds [s],idle_share,rollout_time_per_gp_query [ns],gp_query_time.velocity "
+            "rollout_seconds [s],lane_fill,idle_share,rollout_time_per_gp_query "
+            "[ns],gp_query_time.velocity "
             "[ns],"
             "\"gp_query_time.position, \"\"x\"\" [ns]\"",
-            "1,0,0,,0,,,,",
-            "2,0.25,0.5,18446744073709551616,0.375,0.3333333333333333,4.0657581468206416e-11,0."
+            "1,0,0,,0,,,,,",
+            "2,0.25,0.5,18446744073709551616,0.375,0.6666666666666666,0.3333333333333333,4."
+            "0657581468206416e-11,0."
             "3333333333333333,0.1"});
   const std::vector<std::string> transitions = lines("transitions.csv");
   CHECK(transitions[0] ==

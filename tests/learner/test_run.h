@@ -68,8 +68,7 @@ inline bool SameBits(const EpisodeRecord& a, const EpisodeRecord& b) {
       a.episode == b.episode && a.random == b.random &&
       SameBits(a.interaction_seconds, b.interaction_seconds) && a.points == b.points &&
       a.evaluations == b.evaluations && a.gp_queries == b.gp_queries && a.diverged == b.diverged &&
-      SameBits(a.lane_fill, b.lane_fill) && SameBits(a.jitter, b.jitter) &&
-      a.platform.simd_target == b.platform.simd_target &&
+      SameBits(a.jitter, b.jitter) && a.platform.simd_target == b.platform.simd_target &&
       a.platform.blas_core == b.platform.blas_core &&
       SameBits(a.predicted_return, b.predicted_return) && SameBits(a.real_return, b.real_return) &&
       a.solved == b.solved && a.steps == b.steps && a.outcome == b.outcome && a.plans == b.plans &&

@@ -42,15 +42,15 @@ def contents(directory):
 
 
 def results(directory):
-    """Name -> text of every file of a run, without what a clock has written."""
+    """Name -> text of every file of a run, without what depends on times and threads."""
     files = {path.name: path.read_text() for path in pathlib.Path(directory).iterdir()
              if path.is_file()}
     del files["timing.csv"]
     files.pop("prior_timing.csv", None)
     payload = json.loads(files["checkpoint.json"])["payload"]
     for episode in payload["episodes"]:
-        for timed in ("model_seconds", "search_seconds", "rollout_seconds", "idle_share",
-                      "query_nanoseconds"):
+        for timed in ("model_seconds", "search_seconds", "rollout_seconds", "lane_fill",
+                      "idle_share", "query_nanoseconds"):
             del episode[timed]
         for timed in ("step_nanoseconds", "search_share"):
             episode.get("prior", {}).pop(timed, None)

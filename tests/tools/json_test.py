@@ -72,10 +72,9 @@ def run_directory():
         with open(run / name, newline="") as file:
             return list(csv.reader(file))
 
-    for name, rows, columns in [("episodes.csv", 4, ["episode", "lane_fill", "predicted_return",
-                                                     "solved"]),
+    for name, rows, columns in [("episodes.csv", 4, ["episode", "predicted_return", "solved"]),
                                 ("timing.csv", 4, ["episode", "search_seconds [s]",
-                                                   "idle_share"]),
+                                                   "lane_fill", "idle_share"]),
                                 ("transitions.csv", 160, ["time [s]", "action.torque [N m]",
                                                           "observation.angle [rad]"]),
                                 ("plans.csv", 3 * 2, ["output", "backend", "points", "precision"]),
