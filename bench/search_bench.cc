@@ -186,8 +186,8 @@ double FinalValue(const TestFunction& function, const Noise& noise, UncertaintyH
   options.uncertainty = handling;
   options.max_rollouts = 1000;
   options.covariance = CovarianceForm::kFull;
-  options.common_random_numbers =
-      CommonRandomNumbers::kOff;  // or all candidates meet the same noise
+  // With common numbers all candidates of a generation would meet the same noise.
+  options.common_random_numbers = CommonRandomNumbers::kOff;
   std::vector<double> mean(kP);
   FillUniforms(DeriveKey(seed, StreamPurpose::kSearchRestart, {0}), 1, mean.data(), kP);
   for (double& value : mean) value = 8 * value - 4;

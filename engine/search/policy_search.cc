@@ -144,10 +144,9 @@ PolicySearch::PolicySearch(const PolicySearchOptions& options, std::span<const d
       n_slots_(static_cast<int>(std::clamp<std::int64_t>(
           AffordableCandidates(options) / population_, 1,
           options.restarts == RestartStrategy::kSingle ? 1 : options.concurrent))),
-      round_generations_(static_cast<int>(
-          std::clamp<std::int64_t>(AffordableCandidates(options) * kMinGenerations /
-                                       (std::int64_t{population_} * n_slots_ * kRounds),
-                                   1, kMaxRoundGenerations))),
+      round_generations_(static_cast<int>(std::clamp<std::int64_t>(
+          options.evaluations / options.rollouts / (std::int64_t{population_} * n_slots_ * kRounds),
+          1, kMaxRoundGenerations))),
       scheduler_(options.restarts, Population(options, start.size()),
                  static_cast<int>(std::min<std::int64_t>(AffordableCandidates(options) / n_slots_,
                                                          std::numeric_limits<int>::max())),

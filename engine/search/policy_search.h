@@ -49,7 +49,7 @@ struct PolicySearchOptions {
   int rollouts = 1;       // rollouts a candidate, more in the later stages of the selection
                           // (within max_rollouts for kRollouts); [1, 10000]
   int max_rollouts = 20;  // limit of kRollouts; [1, 10000]
-  int concurrent = 8;     // CMA-ES instances that share each batch; [1, 1024]
+  int concurrent = 8;     // CMA-ES instances side by side; [1, 1024]
   // Share of the evaluations for all runs alike; the rest is for `promotions` further stages of
   // equal shares, each for half as many runs, the best; 1: no such selection; [0.1, 1].
   double exploration = 0.3;
@@ -158,9 +158,8 @@ struct PolicySearchResult {
 // the same time as the others; it must return what `objective` would.
 //
 // `progress` (may be empty) is called after every round; `stop` (may be null) is looked at between
-// batches and ends the search by throwing Interrupted. Throws
-// InvalidInput for options out of range, an empty or non-finite start, or a budget that holds not
-// even one generation.
+// batches and ends the search by throwing Interrupted. Throws InvalidInput for options out of
+// range, an empty or non-finite start, or a budget that holds not even one generation.
 PolicySearchResult SearchPolicy(const PolicySearchOptions& options, std::span<const double> start,
                                 std::uint64_t seed, std::uint32_t episode,
                                 const BatchObjective& objective,

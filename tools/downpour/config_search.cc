@@ -34,7 +34,7 @@ std::vector<Field> SearchFields(PolicySearchOptions& search) {
        .target = &search.concurrent,
        .min = 1,
        .max = 1024,
-       .description = "CMA-ES runs that share each batch."},
+       .description = "CMA-ES runs side by side."},
       {.key = "search.final_rollouts",
        .option = "",
        .target = &search.final_rollouts,

@@ -74,7 +74,7 @@ std::vector<Field> ScalingFields(ScalingArguments& arguments) {
            .target = &arguments.concurrent,
            .min = 1,
            .max = 1024,
-           .description = "search.concurrent of learn: CMA-ES instances that share each batch."},
+           .description = "search.concurrent of learn: CMA-ES instances side by side."},
           {.key = "episodes",
            .option = "--episodes",
            .target = &arguments.episodes,
