@@ -135,7 +135,7 @@ class Watcher {
   // Looks at the means of the runs under way; whether there is a new best.
   bool Look(std::span<const SearchRun> runs) {
     std::vector<std::vector<double>> means;
-    for (const SearchRun& run : runs) means.push_back(run.AveragedMean());
+    for (const SearchRun& run : runs) means.push_back(run.Mean());
     if (means.empty()) return false;
     ++looks_;
     const std::vector<double> returns = MeanReturns(means, 0);

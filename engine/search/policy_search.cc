@@ -344,7 +344,7 @@ void PolicySearch::EndRun(SearchRun run, std::string stop) {
                    0};
   // What stagnates after exploration has had its chance.
   const bool open = record.stop == "budget" || (record.stop == "Stagnation" && promotions_ == 0);
-  std::vector<double> mean = run.AveragedMean();
+  std::vector<double> mean = run.Mean();
   finished_.push_back({std::move(record), std::move(mean), std::move(run), open});
 }
 

@@ -120,7 +120,7 @@ struct PolicySearchProgress {
 };
 
 struct PolicySearchResult {
-  std::vector<double> parameters;  // (P) the best final mean
+  std::vector<double> parameters;  // (P) mean of the best final distribution
   // Its mean return by final_rollouts rollouts on streams of their own, not those by which it won
   // the comparison: unbiased.
   double predicted_return = 0;
@@ -140,8 +140,7 @@ struct PolicySearchResult {
 // promoted run converges, the next best of the runs that were passed over goes on in its place, or
 // a new one starts, until no generation fits.
 //
-// At the end the final means of all runs (SearchRun::AveragedMean: one generation's is pushed about
-// by noise) and `start` itself are compared by fresh rollouts on
+// At the end the final means of all runs and `start` itself are compared by fresh rollouts on
 // common random streams, and the best is returned. Its return is predicted by as many rollouts
 // again, so that the prediction has no bias from the choice; by chance it can be less than the
 // comparison gave `start`. The budget covers this: final_rollouts, or a 45th of the budget if that

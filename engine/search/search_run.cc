@@ -51,7 +51,6 @@ SearchRun::SearchRun(const PolicySearchOptions& options, const RunPlan& plan,
       cma_(FromBox(box_, std::move(mean)), plan.sigma, plan.population,
            {Tolerances(options.bound, plan.sigma), options.covariance,
             options.uncertainty == UncertaintyHandling::kLra}),
-      averaged_mean_(cma_.mean().begin(), cma_.mean().end()),
       measure_(plan.population),
       seed_(seed),
       episode_(episode),
@@ -59,10 +58,10 @@ SearchRun::SearchRun(const PolicySearchOptions& options, const RunPlan& plan,
       costs_(static_cast<std::size_t>(plan.population)),
       ranking_(static_cast<std::size_t>(plan.population)) {}
 
-std::vector<double> SearchRun::ToBox(std::span<const double> values) const {
-  std::vector<double> result(values.begin(), values.end());
-  box_.ToBox(result);
-  return result;
+std::vector<double> SearchRun::Mean() const {
+  std::vector<double> mean(cma_.mean().begin(), cma_.mean().end());
+  box_.ToBox(mean);
+  return mean;
 }
 
 void SearchRun::Promote(int min_rollouts) {
@@ -139,16 +138,8 @@ void SearchRun::Tell(const SearchBatch& batch) {
   evaluations_ += static_cast<std::int64_t>(n_candidates() * n_rollouts_);
   if (reevaluated_.empty()) {
     cma_.Tell(costs_);
-  } else {
-    TellReevaluated();
+    return;
   }
-  const double rate = 1.0 / std::min(cma_.generation(), kAveraged);
-  for (std::size_t i = 0; i < averaged_mean_.size(); ++i) {
-    averaged_mean_[i] += rate * (cma_.mean()[i] - averaged_mean_[i]);
-  }
-}
-
-void SearchRun::TellReevaluated() {
   const double measure = measure_.Measure(costs_, reevaluated_, ranking_);
   for (std::size_t c = 0; c < reevaluated_.size(); ++c) {
     costs_[c] = (costs_[c] + reevaluated_[c]) / 2;

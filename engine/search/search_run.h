@@ -43,14 +43,7 @@ class SearchRun {
     return promoted_ && cma_.stop() == "Stagnation" ? std::string_view() : cma_.stop();
   }
   std::span<const double> costs() const { return costs_; }  // of the last generation
-  // Of the distribution, (P) within the bounds.
-  std::vector<double> Mean() const { return ToBox(cma_.mean()); }
-  // What the run has found: that mean averaged over the last generations, with weights that fall by
-  // 1 - 1/kAveraged a generation (over all of the first kAveraged alike), (P) within the bounds.
-  // Noise pushes every mean about; their average stays (B. T. Polyak and A. B. Juditsky, SIAM J.
-  // Control Optim. 30, 1992).
-  std::vector<double> AveragedMean() const { return ToBox(averaged_mean_); }
-  static constexpr int kAveraged = 12;
+  std::vector<double> Mean() const;                         // (P) within the bounds
   // Goes on with at least so many rollouts a candidate (under kRollouts within its limit).
   void Promote(int min_rollouts);
   bool promoted() const { return promoted_; }
@@ -74,11 +67,8 @@ class SearchRun {
 
  private:
   std::size_t n_candidates() const { return costs_.size() + reevaluated_.size(); }
-  std::vector<double> ToBox(std::span<const double> values) const;
   // What the next generation evaluates twice.
   std::size_t NextReevaluations() const;
-  // Updates CMA-ES by costs_ and reevaluated_.
-  void TellReevaluated();
   // Of the rollouts of this generation's candidates, or of their second evaluations.
   void FillRolloutKeys(StreamPurpose purpose, std::span<StreamKey> keys) const;
 
@@ -88,7 +78,6 @@ class SearchRun {
   int min_rollouts_, max_rollouts_;
   BoxTransform box_;
   CmaEs cma_;
-  std::vector<double> averaged_mean_;  // before the box
   UncertaintyMeasure measure_;
   std::uint64_t seed_;
   std::uint32_t episode_;
