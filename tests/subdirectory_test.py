@@ -22,7 +22,8 @@ def run(*command):
 def main():
     with tempfile.TemporaryDirectory() as temporary:
         tree = pathlib.Path(temporary)
-        # Not optimised, and for the least processor alone, as most of the time is the compiler's.
+        # Not optimised, and for the baseline instruction set alone: most of the time is the
+        # compiler's.
         run("cmake", "-S", SOURCE / "tests" / "external_project", "-B", tree, "-G", "Ninja",
             f"-DDOWNPOUR_SOURCE_DIR={SOURCE}", "-DCMAKE_BUILD_TYPE=Debug",
             "-DCMAKE_CXX_FLAGS_DEBUG=-O0 -DHWY_COMPILE_ONLY_STATIC")
