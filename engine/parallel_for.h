@@ -6,6 +6,8 @@
 #include <exception>
 #include <vector>
 
+#include "engine/spin_end.h"
+
 namespace downpour {
 
 // kDynamic: to the threads that are free. kFixed: call i is made by the same thread in every region
@@ -26,12 +28,18 @@ void ParallelFor(int n, int threads, const Body& body,
       errors[static_cast<std::size_t>(i)] = std::current_exception();
     }
   };
-  if (assignment == Assignment::kFixed) {
-#pragma omp parallel for schedule(static, 1) num_threads(threads) if (n > 1)
-    for (int i = 0; i < n; ++i) call(i);
-  } else {
-#pragma omp parallel for schedule(dynamic) num_threads(threads) if (n > 1)
-    for (int i = 0; i < n; ++i) call(i);
+  const int team = n > 1 ? threads : 1;
+  SpinEnd region_end;
+#pragma omp parallel num_threads(team)
+  {
+    if (assignment == Assignment::kFixed) {
+#pragma omp for schedule(static, 1) nowait
+      for (int i = 0; i < n; ++i) call(i);
+    } else {
+#pragma omp for schedule(dynamic) nowait
+      for (int i = 0; i < n; ++i) call(i);
+    }
+    region_end.Arrive();
   }
   for (const std::exception_ptr& error : errors) {
     if (error) std::rethrow_exception(error);
@@ -44,12 +52,14 @@ void ParallelFor(int n, int threads, const Body& body,
 template <typename Body>
 double TimedParallelFor(int n, int threads, const Body& body) {
   double busy = 0;
+  SpinEnd region_end;
 #pragma omp parallel num_threads(threads) reduction(+ : busy)
   {
     const auto start = std::chrono::steady_clock::now();
 #pragma omp for schedule(dynamic, 1) nowait
     for (int i = 0; i < n; ++i) body(i);
     busy += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    region_end.Arrive();
   }
   return busy;
 }

@@ -52,6 +52,8 @@ class RestartScheduler {
   RunPlan Next(double u_population, double u_sigma);
 
   int runs_started() const { return runs_started_; }
+  // The next number, for a run that is no restart and counts in no regime.
+  int TakeNumber() { return runs_started_++; }
 
   // `run` has used this many further evaluations.
   void Add(const RunPlan& run, std::int64_t evaluations);

@@ -36,6 +36,9 @@ constexpr int kRounds = 64;
 // where noise hides what is left to gain: half as many runs take twice the rollouts a candidate,
 // and fill as many lanes. The last ones take at least:
 constexpr int kLastRollouts = 2;
+// One run alone would leave threads to share each of its batches and to wait for each other every
+// time. So the last one goes on twice, with random numbers of its own each time.
+constexpr int kLastRuns = 2;
 // Fresh rollouts that compare the runs between these stages.
 constexpr int kPromotionRollouts = 48;
 // The final comparison and the estimate of its winner take at most this share of the budget (and
@@ -68,8 +71,9 @@ class PolicySearch {
   // A round of generations of every run, of each until it meets a stopping criterion; false,
   // nothing done, if `share` of the budget has no room for one.
   bool RunRound(double share);
-  // Ends all runs and goes on with the best `n_runs`, each with at least so many rollouts.
-  void Promote(int n_runs, int rollouts);
+  // Ends all runs and goes on with the best `n_runs` and so many forks of the best, each with at
+  // least so many rollouts.
+  void Promote(int n_runs, int forks, int rollouts);
   PolicySearchResult Finish();
   int n_slots() const { return n_slots_; }
   PolicySearchProgress Progress() const;
@@ -78,9 +82,10 @@ class PolicySearch {
   SearchRun NewRun();
   std::optional<SearchRun> NextRun();
   std::int64_t ComparisonReserve() const;
-  // All threads take `runs` through `generations` together, or each takes some of the runs.
-  void RunTogether(int generations);
-  void RunApart(int generations);
+  // All threads take the runs of the queue through their generations together, or each takes some
+  // of them, until one has none left while fewer go on than there are threads.
+  void RunTogether(RunQueue* queue);
+  void RunApart(RunQueue* queue);
   void RunGeneration(std::span<SearchRun* const> runs, int threads, const BatchObjective& objective,
                      SearchBatch* batch) const;
   void SummariseGeneration();
@@ -234,11 +239,9 @@ bool PolicySearch::RunRound(double share) {
   if (generations == 0) return false;
   std::vector<std::int64_t> before;
   for (const SearchRun& run : runs_) before.push_back(run.evaluations());
-  if (own_objectives_.size() > 1 && runs_.size() >= own_objectives_.size()) {
-    RunApart(generations);
-  } else {
-    RunTogether(generations);
-  }
+  RunQueue queue(runs_, generations);
+  if (own_objectives_.size() > 1 && runs_.size() >= own_objectives_.size()) RunApart(&queue);
+  RunTogether(&queue);
   for (std::size_t i = 0; i < runs_.size(); ++i) {
     const std::int64_t spent = runs_[i].evaluations() - before[i];
     evaluations_ += spent;
@@ -249,19 +252,17 @@ bool PolicySearch::RunRound(double share) {
   return true;
 }
 
-void PolicySearch::RunTogether(int generations) {
-  RunQueue queue(runs_, generations, 1);
+void PolicySearch::RunTogether(RunQueue* queue) {
   std::vector<SearchRun*> taken;
-  while (queue.Take(&taken)) {
+  while (queue->TakeAll(&taken)) {
     RunGeneration(taken, options_.threads, objective_, &batch_);
-    queue.Return(taken);
+    queue->Return(taken);
   }
 }
 
-void PolicySearch::RunApart(int generations) {
+void PolicySearch::RunApart(RunQueue* queue) {
   using Clock = std::chrono::steady_clock;
   const int n_threads = static_cast<int>(own_objectives_.size());
-  RunQueue queue(runs_, generations, n_threads);
   std::vector<Clock::duration> work_times(own_objectives_.size());
   const Clock::time_point start = Clock::now();
   const auto work = [&](int i) {
@@ -269,14 +270,14 @@ void PolicySearch::RunApart(int generations) {
     Clock::duration worked{};
     std::vector<SearchRun*> taken;
     try {
-      while (queue.Take(&taken)) {
+      while (queue->TakeShare(n_threads, &taken)) {
         const Clock::time_point begin = Clock::now();
         RunGeneration(taken, 1, own_objectives_[t], &own_batches_[t]);
         worked += Clock::now() - begin;
-        queue.Return(taken);
+        queue->Return(taken);
       }
     } catch (...) {
-      queue.Abandon();
+      queue->Abandon();
       throw;
     }
     work_times[t] = worked;
@@ -380,7 +381,7 @@ void PolicySearch::CompareOpenRuns() {
   }
 }
 
-void PolicySearch::Promote(int n_runs, int rollouts) {
+void PolicySearch::Promote(int n_runs, int forks, int rollouts) {
   EndAllRuns();
   ++promotions_;
   promoted_rollouts_ = rollouts;
@@ -389,6 +390,9 @@ void PolicySearch::Promote(int n_runs, int rollouts) {
   if (n_open > n_runs) CompareOpenRuns();
   for (int i = 0; i < n_runs; ++i) {
     if (std::optional<SearchRun> next = NextRun()) runs_.push_back(*std::move(next));
+  }
+  for (int i = 0; i < forks && !runs_.empty() && runs_.front().promoted(); ++i) {
+    runs_.push_back(runs_.front().Fork(scheduler_.TakeNumber()));
   }
 }
 
@@ -447,9 +451,10 @@ PolicySearchResult SearchPolicy(const PolicySearchOptions& options, std::span<co
   run_until(options.exploration);
   for (int k = 1; k <= options.promotions && options.exploration < 1; ++k) {
     const bool last = k == options.promotions;
-    const int n_runs = std::max(1, search.n_slots() >> k);
+    const int n_best = std::max(1, search.n_slots() >> k);
+    const int n_runs = std::max(n_best, std::min(kLastRuns, search.n_slots()));
     const int factor = std::max(last ? kLastRollouts : 1, search.n_slots() / n_runs);
-    search.Promote(n_runs, factor * options.rollouts);
+    search.Promote(n_best, n_runs - n_best, factor * options.rollouts);
     run_until(last ? 1 : options.exploration + (1 - options.exploration) * k / options.promotions);
   }
   PolicySearchResult result = search.Finish();

@@ -92,7 +92,7 @@ using BatchObjective = std::function<void(const CandidateBatch& batch, std::span
 
 // How one CMA-ES run ended.
 struct RunRecord {
-  int run = 0;  // 0: the run from the last policy
+  int run = 0;  // 0: the run from the last policy; one that goes on twice has a second record
   bool large = false;
   int population = 0;
   double initial_sigma = 0;
@@ -136,9 +136,10 @@ struct PolicySearchResult {
 // a run that meets a stopping criterion makes room for a new one. Then all runs that may still
 // improve are compared by 48 fresh rollouts each, and the best, half as many as there were
 // instances, go on from where they were; then the same again with half as many, `promotions` times
-// in all. Half as many runs take twice the `rollouts`, and the last ones at least 2 of them. When a
-// promoted run converges, the next best of the runs that were passed over goes on in its place, or
-// a new one starts, until no generation fits.
+// in all. Half as many runs take twice the `rollouts`, and the last ones at least 2 of them. A
+// single one goes on twice, with random numbers of its own each time. When a promoted run
+// converges, the next best of the runs that were passed over goes on in its place, or a new one
+// starts, until no generation fits.
 //
 // At the end the final means of all runs and `start` itself are compared by fresh rollouts on
 // common random streams, and the best is returned. Its return is predicted by as many rollouts
@@ -155,7 +156,8 @@ struct PolicySearchResult {
 // generations of all runs make one batch each for `objective`, which may use many threads. If there
 // are own_objectives instead, one a thread, and runs for all of them, each of so many OpenMP
 // threads takes some of the runs through the round on its own, with the objective of its number, at
-// the same time as the others; it must return what `objective` would.
+// the same time as the others; it must return what `objective` would. What is left of the round
+// when a thread finds no run any more is for `objective` again.
 //
 // `progress` (may be empty) is called after every round; `stop` (may be null) is looked at between
 // batches and ends the search by throwing Interrupted. Throws InvalidInput for options out of

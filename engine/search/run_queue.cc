@@ -6,29 +6,49 @@
 
 namespace downpour {
 
-RunQueue::RunQueue(std::span<SearchRun> runs, int generations, int n_threads)
-    : n_threads_(n_threads) {
+RunQueue::RunQueue(std::span<SearchRun> runs, int generations) {
   for (SearchRun& run : runs) entries_.push_back({&run, generations, false});
 }
 
-bool RunQueue::Take(std::vector<SearchRun*>* taken) {
+void RunQueue::Take(Entry* entry, std::vector<SearchRun*>* taken) {
+  entry->taken = true;
+  taken->push_back(entry->run);
+}
+
+bool RunQueue::TakeShare(int n_threads, std::vector<SearchRun*>* taken) {
   taken->clear();
   std::unique_lock lock(mutex_);
-  const auto is_free = [](const Entry& entry) { return !entry.taken; };
+  const auto n_free = [&] {
+    return static_cast<int>(std::count_if(entries_.begin(), entries_.end(),
+                                          [](const Entry& entry) { return !entry.taken; }));
+  };
   returned_.wait(lock, [&] {
-    return entries_.empty() || std::any_of(entries_.begin(), entries_.end(), is_free);
+    if (n_free() == 0 && std::ssize(entries_) < n_threads) shares_end_ = true;
+    return shares_end_ || n_free() > 0;
   });
+  if (shares_end_) return false;
   // While a thread works on its runs they are no one else's; only towards the end, as the faster
   // threads have none left, shares become smaller and runs change hands.
-  const std::size_t share = (entries_.size() + n_threads_ - 1) / n_threads_;
+  const int without = n_threads - n_shares_;
+  int share = (n_free() + without - 1) / without;
   std::stable_sort(entries_.begin(), entries_.end(),
                    [](const Entry& a, const Entry& b) { return a.left > b.left; });
   for (Entry& entry : entries_) {
-    if (entry.taken || taken->size() == share) continue;
-    entry.taken = true;
-    taken->push_back(entry.run);
+    if (entry.taken || share == 0) continue;
+    Take(&entry, taken);
+    --share;
   }
-  return !taken->empty();
+  ++n_shares_;
+  return true;
+}
+
+bool RunQueue::TakeAll(std::vector<SearchRun*>* taken) {
+  taken->clear();
+  const std::scoped_lock lock(mutex_);
+  if (entries_.empty()) return false;
+  for (Entry& entry : entries_) Take(&entry, taken);
+  ++n_shares_;
+  return true;
 }
 
 void RunQueue::Return(std::span<SearchRun* const> taken) {
@@ -42,6 +62,7 @@ void RunQueue::Return(std::span<SearchRun* const> taken) {
     std::erase_if(entries_, [](const Entry& entry) {
       return !entry.taken && (entry.left == 0 || !entry.run->stop().empty());
     });
+    --n_shares_;
   }
   returned_.notify_all();
 }
@@ -50,6 +71,7 @@ void RunQueue::Abandon() {
   {
     const std::scoped_lock lock(mutex_);
     entries_.clear();
+    shares_end_ = true;
   }
   returned_.notify_all();
 }

@@ -16,11 +16,15 @@ namespace downpour {
 class RunQueue {
  public:
   // generations >= 1.
-  RunQueue(std::span<SearchRun> runs, int generations, int n_threads);
+  RunQueue(std::span<SearchRun> runs, int generations);
 
-  // Takes a thread's share of the runs that go on, those which have the most generations before
-  // them, for one generation. Waits if others have them all; false when none goes on.
-  bool Take(std::vector<SearchRun*>* taken);
+  // For one generation, a fair share among `n_threads` that each take shares: those of the free
+  // runs which have the most generations before them. Waits if others have them all. False when
+  // fewer runs go on than there are threads and this one is left without: then no thread gets more,
+  // and what goes on is for all of them together (TakeAll).
+  bool TakeShare(int n_threads, std::vector<SearchRun*>* taken);
+  // For one generation, all runs that go on, none of which is taken; false when none does.
+  bool TakeAll(std::vector<SearchRun*>* taken);
   // After that generation.
   void Return(std::span<SearchRun* const> taken);
   // No run goes on. What was taken need not be returned.
@@ -33,10 +37,13 @@ class RunQueue {
     bool taken;
   };
 
-  int n_threads_;
+  void Take(Entry* entry, std::vector<SearchRun*>* taken);
+
   std::mutex mutex_;
   std::condition_variable returned_;
   std::vector<Entry> entries_;  // of the runs that go on
+  int n_shares_ = 0;            // that threads have now
+  bool shares_end_ = false;
 };
 
 }  // namespace downpour

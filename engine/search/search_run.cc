@@ -73,6 +73,13 @@ void SearchRun::Promote(int min_rollouts) {
   rollouts_ = std::max<double>(rollouts_, min_rollouts_);
 }
 
+SearchRun SearchRun::Fork(int run) const {
+  SearchRun fork = *this;
+  fork.plan_.run = run;
+  fork.evaluations_ = 0;
+  return fork;
+}
+
 std::size_t SearchRun::NextReevaluations() const {
   if (!reevaluates()) return 0;
   double draw;
