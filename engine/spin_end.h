@@ -12,7 +12,7 @@ namespace downpour {
 // after 0.1 ms (engine/gp/process_settings.h), and threads that fall asleep cost a search a tenth
 // of its time; but one that spins for longer keeps its core from other processes, and so from the
 // thread it waits for. So a thread spins for up to kPatience, and when that was in vain, as where
-// the machine has other work, not at the next kRest regions.
+// the machine has other work, not at the next kRest regions where it has to wait.
 class SpinEnd {
  public:
   // Called once by every thread of the region, as the last thing in it. Does not allocate.
@@ -30,6 +30,9 @@ class SpinEnd {
     const Clock::time_point end = Clock::now() + kPatience;
     while (Clock::now() < end) {
       if (all_arrived()) return;
+#ifdef __x86_64__
+      __builtin_ia32_pause();  // leaves the core to its other thread
+#endif
     }
     rest = kRest;
   }

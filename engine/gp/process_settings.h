@@ -12,9 +12,9 @@ namespace downpour {
 // - OpenMP threads that wait spin for long, and so keep a core from the thread they wait for when
 //   the machine has other work; those that sleep at once (OMP_WAIT_POLICY=passive) take 50 us to
 //   wake, a tenth of a generation's time. GOMP_SPINCOUNT=2000, some 0.1 ms, lets them spin between
-//   the regions of a generation and no longer. ns a query of a search, two threads alone: passive
-//   89, 2000 spins 81, 20000 spins 79; four threads on four cores with three other processes: 180,
-//   153-194, 392, and 1109 with the default of 300000.
+//   the regions of a generation and no longer; where regions end see SpinEnd. ns a query of a
+//   search, two threads alone: passive 89, 2000 spins 81, 20000 spins 79; four threads on four
+//   cores with three other processes: 180, 153-194, 392, and 1109 with the default of 300000.
 
 // Kernel family that OpenBLAS runs in this process, e.g. "SkylakeX". Thread-safe.
 std::string BlasCoreName();

@@ -47,7 +47,8 @@ constexpr int kComparisonShare = 5;
 // Streams of kFinalEvaluation: 0 for the final comparison, 1, 2, ... for the promotions.
 constexpr std::uint32_t kWinnerEvaluation = 0xFFFFFFFF;
 
-// Whether restart `number` (>= 1) is one of the local ones, which are spread evenly.
+// Whether restart `number` (>= 1) is one of the local ones, which are spread evenly (over all
+// numbers, a few of which forks have).
 bool IsLocal(double share, int number) {
   return std::floor(share * number) > std::floor(share * (number - 1));
 }
@@ -83,7 +84,7 @@ class PolicySearch {
   std::optional<SearchRun> NextRun();
   std::int64_t ComparisonReserve() const;
   // All threads take the runs of the queue through their generations together, or each takes some
-  // of them, until one has none left while fewer go on than there are threads.
+  // of them, until RunQueue gives no shares any more.
   void RunTogether(RunQueue* queue);
   void RunApart(RunQueue* queue);
   void RunGeneration(std::span<SearchRun* const> runs, int threads, const BatchObjective& objective,
@@ -208,7 +209,7 @@ std::optional<SearchRun> PolicySearch::NextRun() {
 // part in the final one, whose winner is evaluated again.
 std::int64_t PolicySearch::ComparisonReserve() const {
   const std::int64_t promotions = options_.exploration < 1 ? options_.promotions - promotions_ : 0;
-  const int n_runs = scheduler_.runs_started();
+  const auto n_runs = static_cast<int>(finished_.size() + runs_.size());
   return FinalComparisonCost(n_runs + 1, final_rollouts_) + final_rollouts_ +
          promotions * FinalComparisonCost(n_runs, promotion_rollouts_);
 }
@@ -391,8 +392,10 @@ void PolicySearch::Promote(int n_runs, int forks, int rollouts) {
   for (int i = 0; i < n_runs; ++i) {
     if (std::optional<SearchRun> next = NextRun()) runs_.push_back(*std::move(next));
   }
-  for (int i = 0; i < forks && !runs_.empty() && runs_.front().promoted(); ++i) {
-    runs_.push_back(runs_.front().Fork(scheduler_.TakeNumber()));
+  for (int i = 0; i < forks && !runs_.empty(); ++i) {
+    // What is not promoted is a new run, as no other may still improve.
+    runs_.push_back(runs_.front().promoted() ? runs_.front().Fork(scheduler_.TakeNumber())
+                                             : NewRun());
   }
 }
 
@@ -453,7 +456,7 @@ PolicySearchResult SearchPolicy(const PolicySearchOptions& options, std::span<co
     const bool last = k == options.promotions;
     const int n_best = std::max(1, search.n_slots() >> k);
     const int n_runs = std::max(n_best, std::min(kLastRuns, search.n_slots()));
-    const int factor = std::max(last ? kLastRollouts : 1, search.n_slots() / n_runs);
+    const int factor = std::max(last ? kLastRollouts : 1, (search.n_slots() + n_runs - 1) / n_runs);
     search.Promote(n_best, n_runs - n_best, factor * options.rollouts);
     run_until(last ? 1 : options.exploration + (1 - options.exploration) * k / options.promotions);
   }

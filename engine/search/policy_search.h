@@ -53,7 +53,7 @@ struct PolicySearchOptions {
   // Share of the evaluations for all runs alike; the rest is for `promotions` further stages of
   // equal shares, each for half as many runs, the best; 1: no such selection; [0.1, 1].
   double exploration = 0.3;
-  int promotions = 3;  // stages after exploration, all of which fill as many lanes; [1, 10]
+  int promotions = 3;  // stages after exploration, which fill as many lanes at least; [1, 10]
   // Share of the restarts that begin as the first run does, at the last policy with first_sigma;
   // [0, 1]. The learner takes 0 as long as there is none.
   double local_share = 0.5;
@@ -92,7 +92,9 @@ using BatchObjective = std::function<void(const CandidateBatch& batch, std::span
 
 // How one CMA-ES run ended.
 struct RunRecord {
-  int run = 0;  // 0: the run from the last policy; one that goes on twice has a second record
+  // 0: the run from the last policy. What goes on twice has two records, the later of which has a
+  // number of its own and the evaluations since then.
+  int run = 0;
   bool large = false;
   int population = 0;
   double initial_sigma = 0;
@@ -110,10 +112,10 @@ class SearchRun;
 struct PolicySearchProgress {
   std::int64_t evaluations = 0;
   std::int64_t budget = 0;
-  int runs_started = 0;
+  int runs_started = 0;    // those that go on twice count twice
   double best_return = 0;  // best value of the last generation, all instances together
   double mean_return = 0;  // mean value of it; both that of the result after the comparison
-  // Of threads with objectives of their own, all together, until others had finished their rounds.
+  // Of threads with objectives of their own, all together, that had no run while others had.
   double waiting_seconds = 0;
   // The runs under way (engine/search/search_run.h), for the time of the call; none at the end.
   std::span<const SearchRun> runs;
@@ -137,9 +139,9 @@ struct PolicySearchResult {
 // improve are compared by 48 fresh rollouts each, and the best, half as many as there were
 // instances, go on from where they were; then the same again with half as many, `promotions` times
 // in all. Half as many runs take twice the `rollouts`, and the last ones at least 2 of them. A
-// single one goes on twice, with random numbers of its own each time. When a promoted run
-// converges, the next best of the runs that were passed over goes on in its place, or a new one
-// starts, until no generation fits.
+// single one of several goes on twice, with random numbers of its own each time. When a promoted
+// run converges, the next best of the runs that were passed over goes on in its place, or a new
+// one starts, until no generation fits.
 //
 // At the end the final means of all runs and `start` itself are compared by fresh rollouts on
 // common random streams, and the best is returned. Its return is predicted by as many rollouts

@@ -23,7 +23,7 @@ bool RunQueue::TakeShare(int n_threads, std::vector<SearchRun*>* taken) {
                                           [](const Entry& entry) { return !entry.taken; }));
   };
   returned_.wait(lock, [&] {
-    if (n_free() == 0 && std::ssize(entries_) < n_threads) shares_end_ = true;
+    if (n_free() == 0 && 2 * std::ssize(entries_) <= n_threads) shares_end_ = true;
     return shares_end_ || n_free() > 0;
   });
   if (shares_end_) return false;

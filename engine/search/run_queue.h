@@ -18,10 +18,11 @@ class RunQueue {
   // generations >= 1.
   RunQueue(std::span<SearchRun> runs, int generations);
 
-  // For one generation, a fair share among `n_threads` that each take shares: those of the free
-  // runs which have the most generations before them. Waits if others have them all. False when
-  // fewer runs go on than there are threads and this one is left without: then no thread gets more,
-  // and what goes on is for all of them together (TakeAll).
+  // For one generation, a fair share among `n_threads`, the same in every call, that have one share
+  // each at most: those of the free runs which have the most generations before them. Waits if
+  // others have them all. False when a thread is left without and at most half as many runs go on
+  // as there are threads: then none gets more, and those runs are for all threads together
+  // (TakeAll).
   bool TakeShare(int n_threads, std::vector<SearchRun*>* taken);
   // For one generation, all runs that go on, none of which is taken; false when none does.
   bool TakeAll(std::vector<SearchRun*>* taken);

@@ -47,7 +47,8 @@ class SearchRun {
   // Goes on with at least so many rollouts a candidate (under kRollouts within its limit).
   void Promote(int min_rollouts);
   bool promoted() const { return promoted_; }
-  // The same run from here on with other random numbers, those of run number `run`.
+  // The same run from here on with other random numbers, those of run number `run`; evaluations()
+  // begins at 0.
   SearchRun Fork(int run) const;
   int dimension() const { return cma_.dimension(); }
   // Whether some candidates are evaluated twice, and rollouts may change.

@@ -75,7 +75,7 @@ std::pair<double, double> Moments(const CandidateBatch& batch, std::size_t run,
   return {sum / 10, (squares - sum * sum / 10) / 9};
 }
 
-TEST_CASE("policy_search: every promotion halves the runs, which fill as many lanes from then on") {
+TEST_CASE("policy_search: promotions halve the runs, down to two, which fill as many lanes") {
   PolicySearchOptions options = SmallOptions();
   options.evaluations = 40000;
   options.concurrent = 8;
@@ -164,24 +164,44 @@ TEST_CASE("policy_search: the local share of the restarts begins at the last pol
 }
 
 TEST_CASE("policy_search: a selection between runs spends any budget and no more") {
+  const auto check = [](const PolicySearchOptions& options, double noise) {
+    std::int64_t used = 0;
+    PolicySearchResult result;
+    try {
+      result = Search(options, Noisy(Hill, noise, &used));
+    } catch (const InvalidInput& error) {  // less than one generation
+      CHECK(std::string(error.what()).find("search.evaluations") != std::string::npos);
+      CHECK(static_cast<double>(options.evaluations) * options.exploration < 1000);
+      return;
+    }
+    CHECK(used <= options.evaluations);
+    CHECK(used > 0.9 * static_cast<double>(options.evaluations));
+    CHECK(result.evaluations == used);
+    // Of all runs, each rollout once: the comparisons take the rest.
+    std::int64_t searched = 0;
+    for (const RunRecord& run : result.runs) searched += run.evaluations;
+    CHECK(searched < used);
+    CHECK(searched > 0.2 * static_cast<double>(used));
+  };
   for (const std::int64_t evaluations : {600, 1000, 3000, 20000}) {
     for (const double exploration : {0.1, 0.55, 0.99}) {
       for (const double noise : {0.0, 1.0}) {
         PolicySearchOptions options = SmallOptions();
         options.evaluations = evaluations;
         options.exploration = exploration;
-        std::int64_t used = 0;
-        PolicySearchResult result;
-        try {
-          result = Search(options, Noisy(Hill, noise, &used));
-        } catch (const InvalidInput& error) {  // less than one generation
-          CHECK(std::string(error.what()).find("search.evaluations") != std::string::npos);
-          CHECK(evaluations * exploration < 1000);
-          continue;
-        }
-        CHECK(used <= evaluations);
-        CHECK(used > 0.9 * static_cast<double>(evaluations));
-        CHECK(result.evaluations == used);
+        check(options, noise);
+      }
+    }
+  }
+  for (const int promotions : {1, 10}) {
+    for (const int concurrent : {2, 3, 8}) {
+      for (const std::int64_t evaluations : {2400, 20000}) {
+        PolicySearchOptions options = SmallOptions();
+        options.evaluations = evaluations;
+        options.promotions = promotions;
+        options.concurrent = concurrent;
+        options.population = 12;
+        check(options, 1);
       }
     }
   }

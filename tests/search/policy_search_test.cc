@@ -90,7 +90,7 @@ TEST_CASE("policy_search: threads with objectives of their own change nothing bu
   options.concurrent = 7;
   std::int64_t expected_rollouts = 0;
   const PolicySearchResult expected = Search(options, Noisy(Hill, 1, &expected_rollouts));
-  for (const std::size_t threads : {2, 3, 6, 7}) {
+  for (const std::size_t threads : {2, 3, 4, 5, 6, 7}) {
     options.threads = static_cast<int>(threads);
     // Each counts for itself, as only one thread may call it at a time.
     std::vector<std::int64_t> rollouts(threads, 0);

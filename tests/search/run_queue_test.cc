@@ -4,9 +4,11 @@
 
 #include <doctest/doctest.h>
 
+#include <atomic>
 #include <cstddef>
 #include <vector>
 
+#include "engine/parallel_for.h"
 #include "engine/search/policy_search.h"
 #include "engine/search/search_run.h"
 
@@ -90,14 +92,55 @@ TEST_CASE("run_queue: what goes on after the shares is taken together") {
   CHECK(!queue.TakeAll(&all));
 }
 
+TEST_CASE("run_queue: threads that wait get what others return, until all is done") {
+  constexpr int kRuns = 7, kGenerations = 50;
+  for (const int n_threads : {2, 3, 5, 7}) {
+    std::vector<SearchRun> runs = MakeRuns(kRuns);
+    RunQueue queue(runs, kGenerations);
+    std::vector<std::atomic<int>> generations(kRuns), holders(kRuns);
+    std::atomic<bool> shared = false;
+    std::atomic<double> sum = 0;
+    const auto work = [&](const Share& share, int length) {
+      for (const SearchRun* run : share) {
+        const auto i = static_cast<std::size_t>(run - runs.data());
+        if (++holders[i] > 1) shared = true;
+        ++generations[i];
+        // Some take longer than others.
+        double value = 1;
+        for (int k = 0; k < length; ++k) value = value * 0.999 + 0.001;
+        sum = sum + value;
+        --holders[i];
+      }
+    };
+    const auto thread = [&](int t) {
+      Share share;
+      while (queue.TakeShare(n_threads, &share)) {
+        work(share, 2000 * t);
+        queue.Return(share);
+      }
+    };
+    ParallelFor(n_threads, n_threads, thread, Assignment::kFixed);
+    int together = 0;
+    Share share;
+    for (; queue.TakeAll(&share); ++together) {
+      CHECK(2 * std::ssize(share) <= n_threads);
+      work(share, 0);
+      queue.Return(share);
+    }
+    CHECK(together < kGenerations);
+    CHECK(!shared);
+    for (const std::atomic<int>& n : generations) CHECK(n == kGenerations);
+  }
+}
+
 TEST_CASE("run_queue: nothing goes on when it is abandoned") {
   std::vector<SearchRun> runs = MakeRuns(3);
   RunQueue queue(runs, 3);
-  Share share;
-  REQUIRE(queue.TakeShare(1, &share));
+  Share one, other;
+  REQUIRE(queue.TakeShare(2, &one));
   queue.Abandon();
-  CHECK(!queue.TakeShare(1, &share));
-  CHECK(!queue.TakeAll(&share));
+  CHECK(!queue.TakeShare(2, &other));
+  CHECK(!queue.TakeAll(&other));
 }
 
 }  // namespace
