@@ -25,6 +25,7 @@
 #include "engine/learner/saved_policy.h"
 #include "engine/rollout/evaluator.h"
 #include "engine/search/policy_search.h"
+#include "engine/search/search_options.h"
 #include "engine/search/search_run.h"
 #include "tasks/registry.h"
 
@@ -243,6 +244,8 @@ int Main(int argc, char** argv) {
   }
   // Without a last policy no run is local, as in the learner.
   if (last == std::vector<double>(last.size(), 0.0)) search.local_share = 0;
+  CheckPolicySearchOptions(search, last);
+  CheckSearchBudget(search, last, static_cast<std::uint64_t>(arguments.first_seed), 1);
   PlannedModel model = LearnModel(task, arguments, *policy, last);
   std::printf("seed,rollouts,true_return,what\n");
   for (int k = 0; k < arguments.seeds; ++k) {
