@@ -53,6 +53,7 @@ double RunDouble(long steps, double start, double& sink) {
   return RunChains<double>(steps, start, sink);
 }
 const char* TargetName() { return hwy::TargetName(HWY_TARGET); }
+int FloatLanes() { return static_cast<int>(hn::Lanes(hn::ScalableTag<float>())); }
 
 }  // namespace HWY_NAMESPACE
 }  // namespace downpour
@@ -64,6 +65,7 @@ namespace downpour {
 HWY_EXPORT(RunSingle);
 HWY_EXPORT(RunDouble);
 HWY_EXPORT(TargetName);
+HWY_EXPORT(FloatLanes);
 
 double FmaPeakGflops(bool single_precision, double seconds) {
   using Clock = std::chrono::steady_clock;
@@ -84,6 +86,8 @@ double FmaPeakGflops(bool single_precision, double seconds) {
 }
 
 const char* SimdTargetName() { return HWY_DYNAMIC_DISPATCH(TargetName)(); }
+
+int SimdFloatLanes() { return HWY_DYNAMIC_DISPATCH(FloatLanes)(); }
 
 }  // namespace downpour
 #endif  // HWY_ONCE

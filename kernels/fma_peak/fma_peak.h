@@ -11,5 +11,7 @@ double FmaPeakGflops(bool single_precision, double seconds);
 
 // Instruction set that Highway dispatches to on this CPU, e.g. "AVX3". Thread-safe.
 const char* SimdTargetName();
+// Floats in a vector of that instruction set, e.g. 16. Thread-safe.
+int SimdFloatLanes();
 
 }  // namespace downpour

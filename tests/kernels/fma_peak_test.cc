@@ -36,6 +36,8 @@ TEST_CASE("fma_peak: the SIMD target is one that this CPU supports") {
     supported = supported || (target != 0 && name == hwy::TargetName(target));
   }
   CHECK_MESSAGE(supported, name);
+  const int lanes = name.starts_with("AVX3") ? 16 : name == "AVX2" ? 8 : 4;
+  CHECK(SimdFloatLanes() == lanes);
 }
 
 }  // namespace

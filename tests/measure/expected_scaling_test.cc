@@ -6,11 +6,11 @@
 namespace downpour {
 namespace {
 
-// 10 s, a tenth of it serial, on four whole cores, batches of any number of tiles.
+// 10 s, a tenth of it serial, on four whole cores, one run with any number of tiles.
 ScalingBasis WholeCores() {
   return {.seconds = 10,
           .serial_seconds = 1,
-          .batch_lanes = {16 * 5040},  // a multiple of all numbers up to 10
+          .generations = {{1, 16 * 5040}},  // a multiple of all numbers up to 10
           .fma_gain = {1, 2, 3, 4},
           .gigabytes_per_second = {100, 200, 300, 400},
           .demand = 10};
@@ -35,13 +35,31 @@ TEST_CASE("expected_scaling: threads that share cores gain what their FMA peak g
 
 TEST_CASE("expected_scaling: a batch of eight vectors of lanes keeps eight threads busy") {
   ScalingBasis basis = WholeCores();
-  basis.batch_lanes = {128, 128, 128};
+  basis.generations = {{1, 128}, {1, 128}, {1, 128}};
   CHECK(ExpectSpeedUp(basis, 8).speed_up == doctest::Approx(10 / (1 + 9.0 / 8)));
   const ExpectedSpeedUp more = ExpectSpeedUp(basis, 12);
   CHECK(more.speed_up == doctest::Approx(10 / (1 + 9.0 / 8)));
   CHECK(more.bound == "tiles");
-  basis.batch_lanes = {48};  // three vectors: two of them by one of two threads
+  basis.generations = {{1, 48}};  // 24 lanes for each of two threads, which are two vectors
   CHECK(ExpectSpeedUp(basis, 2).speed_up == doctest::Approx(10 / (1 + 9 / 1.5)));
+  basis.vector_lanes = 8;  // or three of these
+  CHECK(ExpectSpeedUp(basis, 2).speed_up == doctest::Approx(10 / (1 + 9.0 / 2)));
+}
+
+TEST_CASE("expected_scaling: threads with runs of their own need not divide the lanes of a run") {
+  ScalingBasis basis = WholeCores();
+  basis.vector_lanes = 8;
+  basis.generations = {{8, 96}};
+  // Two runs of twelve lanes are three vectors, and so are four runs six.
+  CHECK(ExpectSpeedUp(basis, 2).speed_up == doctest::Approx(10 / (1 + 9.0 / 2)));
+  CHECK(ExpectSpeedUp(basis, 4).speed_up == doctest::Approx(10 / (1 + 9.0 / 4)));
+  // Three runs take five vectors, where four and a half are used.
+  CHECK(ExpectSpeedUp(basis, 3).speed_up == doctest::Approx(10 / (1 + 9.0 / 2.7)));
+  // One run takes two vectors where one and a half are used.
+  CHECK(ExpectSpeedUp(basis, 8).speed_up == doctest::Approx(10 / (1 + 9.0 / 6)));
+  CHECK(ExpectSpeedUp(basis, 8).bound == "tiles");
+  // Twelve threads share the batch: a vector each.
+  CHECK(ExpectSpeedUp(basis, 12).speed_up == doctest::Approx(10 / (1 + 9.0 / 12)));
 }
 
 TEST_CASE("expected_scaling: memory that cores share does not widen beyond the measured") {

@@ -20,6 +20,7 @@
 #include "engine/learner/atomic_file.h"
 #include "engine/learner/rollout_objective.h"
 #include "engine/learner/suggest.h"
+#include "kernels/fma_peak/fma_peak.h"
 #include "tasks/registry.h"
 #include "tools/downpour/commands.h"
 #include "tools/downpour/option_help.h"
@@ -141,8 +142,15 @@ Subject MakeSubject(const std::string& name, const ScalingArguments& arguments, 
 struct SearchOutcome {
   TimedSearch times;
   std::vector<double> parameters;
-  std::vector<int> batch_lanes;  // of the batches that all threads share: by one thread, of all
+  std::vector<GenerationLanes> generations;  // by one thread, of all runs each
 };
+
+// By the default settings, candidates of one run, and only they, meet the same random numbers.
+int CountRuns(const CandidateBatch& batch) {
+  int runs = 1;
+  for (std::size_t c = 1; c < batch.keys.size(); ++c) runs += !(batch.keys[c] == batch.keys[c - 1]);
+  return runs;
+}
 
 SearchOutcome Search(const Subject& subject, TimedSearch what) {
   PolicySearchOptions options = subject.options.search;
@@ -162,7 +170,7 @@ SearchOutcome Search(const Subject& subject, TimedSearch what) {
       options, subject.start, static_cast<std::uint64_t>(what.replicate), subject.model.episode,
       [&](const CandidateBatch& batch, std::span<double> returns) {
         objective.Evaluate(batch, returns);
-        outcome.batch_lanes.push_back(static_cast<int>(returns.size()));
+        outcome.generations.push_back({CountRuns(batch), static_cast<int>(returns.size())});
       },
       [&](const PolicySearchProgress& now) { waiting_seconds = now.waiting_seconds; }, nullptr,
       objective.own_objectives());
@@ -190,9 +198,10 @@ double MedianSeconds(const ScaledTask& task, int threads, bool outside) {
 
 // What the expected curve needs; ceilings for up to as many threads as there are processors.
 ScalingBasis MeasureBasis(const Subject& subject, const ScaledTask& task,
-                          const std::vector<int>& threads, std::vector<int> batch_lanes) {
+                          const std::vector<int>& threads,
+                          std::vector<GenerationLanes> generations) {
   const int processors = omp_get_num_procs();
-  ScalingBasis basis{.batch_lanes = std::move(batch_lanes)};
+  ScalingBasis basis{.generations = std::move(generations), .vector_lanes = SimdFloatLanes()};
   basis.seconds = MedianSeconds(task, 1, false);
   int most = 1;
   for (const int t : threads) most = t <= processors ? std::max(most, t) : most;
@@ -218,7 +227,7 @@ ScalingBasis MeasureBasis(const Subject& subject, const ScaledTask& task,
 ScaledTask ScaleTask(const std::string& name, const ScalingArguments& arguments) {
   const Subject subject = MakeSubject(name, arguments, omp_get_num_procs());
   ScaledTask task{.task = name, .points = subject.model.points, .plans = subject.model.plans};
-  std::vector<int> batch_lanes;
+  std::vector<GenerationLanes> generations;
   for (int replicate = 0; replicate < arguments.replicates; ++replicate) {
     std::vector<double> parameters;
     for (const int threads : arguments.threads) {
@@ -228,12 +237,12 @@ ScaledTask ScaleTask(const std::string& name, const ScalingArguments& arguments)
         throw std::logic_error("the number of threads changed the result of the search");
       }
       task.searches.push_back(outcome.times);
-      if (threads == 1) batch_lanes = std::move(outcome.batch_lanes);
+      if (threads == 1) generations = std::move(outcome.generations);
       if (!arguments.weak || threads == 1) continue;
       task.searches.push_back(Search(subject, {true, threads, replicate}).times);
     }
   }
-  const ScalingBasis basis = MeasureBasis(subject, task, arguments.threads, std::move(batch_lanes));
+  const ScalingBasis basis = MeasureBasis(subject, task, arguments.threads, std::move(generations));
   task.serial_share = basis.serial_seconds / basis.seconds;
   const int last = std::max(arguments.expect, arguments.threads.back());
   for (int t = 1; t <= last; ++t) task.expected.push_back(ExpectSpeedUp(basis, t));

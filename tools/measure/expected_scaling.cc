@@ -2,26 +2,43 @@
 #include "tools/measure/expected_scaling.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "engine/rollout/tiling.h"
 
 namespace downpour {
 namespace {
 
-// How much sooner `threads` threads are through the tiles of all batches than one.
-double TileGain(std::span<const int> batch_lanes, int threads) {
-  double work = 0, longest = 0;
-  for (const int lanes : batch_lanes) {
-    const Tiling tiling(lanes, threads);
-    if (lanes == 0) continue;
-    const int rounds = (tiling.count() + threads - 1) / threads;
-    work += tiling.computed_lanes();
-    // Tiles are even but for a vector; the larger come first.
-    double time = 0;
-    for (int round = 0; round < rounds; ++round) time += tiling.Size(round * threads);
-    longest += std::max(time, static_cast<double>(Tiling::kVectorLanes));
+// Lanes that are computed for n in one tile or several whole ones.
+double ComputedLanes(double n, int vector_lanes) {
+  return vector_lanes * std::ceil(n / vector_lanes);
+}
+
+// How long `threads` threads take for a generation, by the lanes that one computes in that time. As
+// long as each thread has a run, threads take runs of their own, fair shares of them, and change
+// over when one is done sooner; else all threads share the batch.
+double GenerationTime(const GenerationLanes& generation, int threads, int vector_lanes) {
+  const double each = static_cast<double>(generation.lanes) / generation.runs;
+  if (generation.runs >= threads) {
+    const int share = (generation.runs + threads - 1) / threads;
+    return ComputedLanes(share * each, vector_lanes) / share * generation.runs / threads;
   }
-  return longest > 0 ? std::max(1.0, work / longest) : 1;
+  const Tiling tiling(generation.lanes, threads);
+  double time = 0;
+  for (int tile = 0; tile < tiling.count(); tile += threads) {  // the larger come first
+    time += ComputedLanes(tiling.Size(tile), vector_lanes);
+  }
+  return time;
+}
+
+// How much sooner `threads` threads are through all generations than one.
+double TileGain(const ScalingBasis& basis, int threads) {
+  double one = 0, all = 0;
+  for (const GenerationLanes& generation : basis.generations) {
+    one += GenerationTime(generation, 1, basis.vector_lanes);
+    all += GenerationTime(generation, threads, basis.vector_lanes);
+  }
+  return all > 0 ? std::max(1.0, one / all) : 1;
 }
 
 }  // namespace
@@ -30,7 +47,7 @@ ExpectedSpeedUp ExpectSpeedUp(const ScalingBasis& basis, int threads) {
   const auto measured = static_cast<int>(basis.fma_gain.size());
   const int known = std::min(threads, measured);
   const double fma = basis.fma_gain[known - 1] + (threads - known);
-  const double tiles = TileGain(basis.batch_lanes, threads);
+  const double tiles = TileGain(basis, threads);
   double width = basis.gigabytes_per_second[known - 1];
   if (!basis.shared_memory) width *= static_cast<double>(threads) / known;
   const double bandwidth = width > 0 && basis.demand > 0 ? width / basis.demand : threads;

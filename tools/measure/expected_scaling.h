@@ -7,11 +7,18 @@
 
 namespace downpour {
 
+// What one generation of all runs of a search evaluates.
+struct GenerationLanes {
+  int runs = 1;   // > 0, of equal populations
+  int lanes = 0;  // rollouts of all of them
+};
+
 // What the speed-up of a search is expected from, all measured.
 struct ScalingBasis {
-  double seconds = 0;            // a search by one thread
-  double serial_seconds = 0;     // of it, what more threads do not shorten
-  std::vector<int> batch_lanes;  // rollouts of every batch of the search
+  double seconds = 0;         // a search by one thread
+  double serial_seconds = 0;  // of it, what more threads do not shorten
+  std::vector<GenerationLanes> generations;
+  int vector_lanes = 16;         // of a vector in the precision of most queries
   std::vector<double> fma_gain;  // [t - 1]: FMA peak of t threads over that of one
   // GB/s that t threads read where the factors are, and what one thread of the search reads.
   std::vector<double> gigabytes_per_second;
@@ -22,8 +29,8 @@ struct ScalingBasis {
 struct ExpectedSpeedUp {
   int threads = 1;
   double speed_up = 1;
-  // What holds the rollouts back: "FMA" (threads share cores), "tiles" (a batch has no more whole
-  // vectors of lanes), "bandwidth".
+  // What holds the rollouts back: "FMA" (threads share cores), "tiles" (a generation has too few
+  // runs and whole vectors of lanes), "bandwidth".
   std::string bound;
 };
 
