@@ -205,7 +205,7 @@ void Evaluator::RunLeg(const Batch& batch, const RolloutLeg& leg) {
     RunBlock(batch, leg, first, n, scratch_.data() + scratch_size_ * omp_get_thread_num());
   };
   if (block_tiles_ == 1) {
-    const Tiling tiles(n_lanes, options_.threads);
+    const Tiling tiles(n_lanes, options_.threads, TileUnit(factors_));
     statistics_.lane_steps += n_steps * tiles.computed_lanes();
     busy_seconds_ += TimedParallelFor(tiles.count(), options_.threads, [&](int tile) {
       run_block(tiles.First(tile), tiles.Size(tile));

@@ -53,8 +53,10 @@ TEST_CASE("expected_scaling: threads with runs of their own need not divide the 
   // Two runs of twelve lanes are three vectors, and so are four runs six.
   CHECK(ExpectSpeedUp(basis, 2).speed_up == doctest::Approx(10 / (1 + 9.0 / 2)));
   CHECK(ExpectSpeedUp(basis, 4).speed_up == doctest::Approx(10 / (1 + 9.0 / 4)));
-  // Three runs take five vectors, where four and a half are used.
-  CHECK(ExpectSpeedUp(basis, 3).speed_up == doctest::Approx(10 / (1 + 9.0 / 2.7)));
+  // Two threads have three runs each, five vectors of which four and a half are used; one has two.
+  CHECK(ExpectSpeedUp(basis, 3).speed_up == doctest::Approx(10 / (1 + 9.0 / 2.8)));
+  // One thread has two runs, three vectors, and six have one, two vectors.
+  CHECK(ExpectSpeedUp(basis, 7).speed_up == doctest::Approx(10 / (1 + 9.0 / 5.5)));
   // One run takes two vectors where one and a half are used.
   CHECK(ExpectSpeedUp(basis, 8).speed_up == doctest::Approx(10 / (1 + 9.0 / 6)));
   CHECK(ExpectSpeedUp(basis, 8).bound == "tiles");

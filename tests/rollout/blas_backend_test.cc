@@ -60,8 +60,8 @@ TEST_CASE("blas backend: returns agree with the fused kernel's for every size") 
                   shifted.Returns(lanes, 1, {}), n_points) <= 1);
       CHECK(blas.statistics.lane_steps ==
             kHorizon * ((lanes + kTileLanes - 1) / kTileLanes * kTileLanes));
-      // Whole vectors.
-      CHECK(fused.statistics.lane_steps == kHorizon * ((lanes + 15) / 16 * 16));
+      // Whole vectors of eight doubles.
+      CHECK(fused.statistics.lane_steps == kHorizon * ((lanes + 7) / 8 * 8));
     }
   }
 }

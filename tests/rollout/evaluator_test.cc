@@ -180,7 +180,7 @@ TEST_CASE("evaluator: counts rollouts, queries and lanes") {
   f.Returns(25, 2, {});
   CHECK(f.statistics.rollouts == 50);
   CHECK(f.statistics.gp_queries == 50 * 6 * 2);
-  CHECK(f.statistics.lane_steps == 64 * 6);  // whole vectors of 16
+  CHECK(f.statistics.lane_steps == 56 * 6);  // whole vectors of eight doubles
   CHECK(f.statistics.seconds > 0);
 }
 

@@ -20,7 +20,7 @@
 #include "engine/learner/atomic_file.h"
 #include "engine/learner/rollout_objective.h"
 #include "engine/learner/suggest.h"
-#include "kernels/fma_peak/fma_peak.h"
+#include "engine/rollout/tiling.h"
 #include "tasks/registry.h"
 #include "tools/downpour/commands.h"
 #include "tools/downpour/option_help.h"
@@ -142,7 +142,7 @@ Subject MakeSubject(const std::string& name, const ScalingArguments& arguments, 
 struct SearchOutcome {
   TimedSearch times;
   std::vector<double> parameters;
-  std::vector<GenerationLanes> generations;  // by one thread, of all runs each
+  std::vector<GenerationLanes> generations;  // if it was one thread
 };
 
 // By the default settings, candidates of one run, and only they, meet the same random numbers.
@@ -201,7 +201,8 @@ ScalingBasis MeasureBasis(const Subject& subject, const ScaledTask& task,
                           const std::vector<int>& threads,
                           std::vector<GenerationLanes> generations) {
   const int processors = omp_get_num_procs();
-  ScalingBasis basis{.generations = std::move(generations), .vector_lanes = SimdFloatLanes()};
+  ScalingBasis basis{.generations = std::move(generations),
+                     .vector_lanes = TileUnit(subject.model.factors)};
   basis.seconds = MedianSeconds(task, 1, false);
   int most = 1;
   for (const int t : threads) most = t <= processors ? std::max(most, t) : most;
@@ -318,7 +319,7 @@ void AddScalingCommand(CLI::App* app) {
       "with the same bits. \"weak\" gives each thread a search of its own size: the efficiency is\n"
       "that of the larger search in the same time. \"expect\" is computed from the measured "
       "serial\n"
-      "share, the tiles of the batches, and FMA peak and bandwidth of as many threads.");
+      "share, the runs and tiles of a generation, and FMA peak and bandwidth of as many threads.");
 }
 
 }  // namespace downpour

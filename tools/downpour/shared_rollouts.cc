@@ -182,15 +182,15 @@ void SharedRollouts::SetModel(std::span<const QueryFactor> factors, std::span<co
 
 void SharedRollouts::Evaluate(const CandidateBatch& batch, Evaluator* evaluator,
                               std::span<double> returns) {
-  constexpr int kLanes = Tiling::kHalfVectorLanes;
+  const int unit = TileUnit(true);
   const auto start = std::chrono::steady_clock::now();
   const int n = static_cast<int>(returns.size());
-  const std::int64_t n_units = (n + kLanes - 1) / kLanes;
+  const std::int64_t n_units = (n + unit - 1) / unit;
   std::vector<Slice> slices;
   for (int rank = 0; rank < world_->size(); ++rank) {
     const auto bound = [&](int threads_before) {
       return static_cast<int>(
-          std::min<std::int64_t>(n_units * threads_before / threads() * kLanes, n));
+          std::min<std::int64_t>(n_units * threads_before / threads() * unit, n));
     };
     slices.push_back(Cut(batch, bound(first_thread_[rank]), bound(first_thread_[rank + 1])));
     if (rank == 0) continue;

@@ -15,15 +15,20 @@ double ComputedLanes(double n, int vector_lanes) {
 }
 
 // How long `threads` threads take for a generation, by the lanes that one computes in that time. As
-// long as each thread has a run, threads take runs of their own, fair shares of them, and change
-// over when one is done sooner; else all threads share the batch.
+// long as each thread has a run, threads take runs of their own, fair shares of them (RunQueue),
+// and those with fewer are through more generations; else all threads share the batch.
 double GenerationTime(const GenerationLanes& generation, int threads, int vector_lanes) {
-  const double each = static_cast<double>(generation.lanes) / generation.runs;
   if (generation.runs >= threads) {
-    const int share = (generation.runs + threads - 1) / threads;
-    return ComputedLanes(share * each, vector_lanes) / share * generation.runs / threads;
+    const int fewer = generation.runs / threads, with_more = generation.runs % threads;
+    const auto rate = [&](int runs) {  // of one thread
+      const double lanes = static_cast<double>(runs) * generation.lanes / generation.runs;
+      return runs / ComputedLanes(lanes, vector_lanes);
+    };
+    double runs = (threads - with_more) * rate(fewer);
+    if (with_more > 0) runs += with_more * rate(fewer + 1);
+    return generation.runs / runs;
   }
-  const Tiling tiling(generation.lanes, threads);
+  const Tiling tiling(generation.lanes, threads, vector_lanes);
   double time = 0;
   for (int tile = 0; tile < tiling.count(); tile += threads) {  // the larger come first
     time += ComputedLanes(tiling.Size(tile), vector_lanes);

@@ -7,10 +7,11 @@
 
 namespace downpour {
 
-// What one generation of all runs of a search evaluates.
+// What a search evaluates at once: a generation of all its runs, or a comparison, which all threads
+// share as if it were one run.
 struct GenerationLanes {
-  int runs = 1;   // > 0, of equal populations
-  int lanes = 0;  // rollouts of all of them
+  int runs = 1;   // > 0, taken for equally large
+  int lanes = 0;  // rollouts of all of them, > 0
 };
 
 // What the speed-up of a search is expected from, all measured.
@@ -18,7 +19,7 @@ struct ScalingBasis {
   double seconds = 0;         // a search by one thread
   double serial_seconds = 0;  // of it, what more threads do not shorten
   std::vector<GenerationLanes> generations;
-  int vector_lanes = 16;         // of a vector in the precision of most queries
+  int vector_lanes = 16;         // of which tiles hold multiples: TileUnit
   std::vector<double> fma_gain;  // [t - 1]: FMA peak of t threads over that of one
   // GB/s that t threads read where the factors are, and what one thread of the search reads.
   std::vector<double> gigabytes_per_second;

@@ -224,7 +224,7 @@ RolloutProfile ProfileRollouts(const Task& task, const Policy& policy,
   }
 
   RolloutProfile profile{.threads = options.threads, .lanes = static_cast<int>(returns.size())};
-  profile.tiles = Tiling(profile.lanes, options.threads).count();
+  profile.tiles = Tiling(profile.lanes, options.threads, TileUnit(factors)).count();
   profile.queries = plain.statistics().gp_queries / rounds;
   const double per_query = 1e9 / static_cast<double>(profile.queries);
   profile.measured_ns = options.threads * times.plain * per_query;
