@@ -42,13 +42,13 @@ TEST_CASE("expected_scaling: a batch of eight vectors of lanes keeps eight threa
   CHECK(more.bound == "tiles");
   basis.generations = {{1, 48}};  // 24 lanes for each of two threads, which are two vectors
   CHECK(ExpectSpeedUp(basis, 2).speed_up == doctest::Approx(10 / (1 + 9 / 1.5)));
-  basis.vector_lanes = 8;  // or three of these
+  basis.tile_unit = 8;  // or three of these
   CHECK(ExpectSpeedUp(basis, 2).speed_up == doctest::Approx(10 / (1 + 9.0 / 2)));
 }
 
 TEST_CASE("expected_scaling: threads with runs of their own need not divide the lanes of a run") {
   ScalingBasis basis = WholeCores();
-  basis.vector_lanes = 8;
+  basis.tile_unit = 8;
   basis.generations = {{8, 96}};
   // Two runs of twelve lanes are three vectors, and so are four runs six.
   CHECK(ExpectSpeedUp(basis, 2).speed_up == doctest::Approx(10 / (1 + 9.0 / 2)));

@@ -147,7 +147,7 @@ def draw_scaling(report):
         draw_efficiency(right, task)
     pinned = "pinned to cores" if report["pinned"] else "not pinned"
     figure.suptitle(f"{describe(report)}; threads {pinned}; {report['replicates']} replicates. "
-                    "Expected: measured serial share, tiles of the batches and the FMA peak of as "
+                    "Expected: measured serial share, runs and tiles, and the FMA peak of as "
                     "many threads", x=0.01, ha="left", fontsize=9)
     return figure
 

@@ -142,7 +142,7 @@ Subject MakeSubject(const std::string& name, const ScalingArguments& arguments, 
 struct SearchOutcome {
   TimedSearch times;
   std::vector<double> parameters;
-  std::vector<GenerationLanes> generations;  // if it was one thread
+  std::vector<GenerationLanes> generations;  // where one thread searched
 };
 
 // By the default settings, candidates of one run, and only they, meet the same random numbers.
@@ -202,7 +202,7 @@ ScalingBasis MeasureBasis(const Subject& subject, const ScaledTask& task,
                           std::vector<GenerationLanes> generations) {
   const int processors = omp_get_num_procs();
   ScalingBasis basis{.generations = std::move(generations),
-                     .vector_lanes = TileUnit(subject.model.factors)};
+                     .tile_unit = TileUnit(subject.model.factors)};
   basis.seconds = MedianSeconds(task, 1, false);
   int most = 1;
   for (const int t : threads) most = t <= processors ? std::max(most, t) : most;

@@ -10,28 +10,26 @@ namespace downpour {
 namespace {
 
 // Lanes that are computed for n in one tile or several whole ones.
-double ComputedLanes(double n, int vector_lanes) {
-  return vector_lanes * std::ceil(n / vector_lanes);
-}
+double ComputedLanes(double n, int tile_unit) { return tile_unit * std::ceil(n / tile_unit); }
 
 // How long `threads` threads take for a generation, by the lanes that one computes in that time. As
 // long as each thread has a run, threads take runs of their own, fair shares of them (RunQueue),
 // and those with fewer are through more generations; else all threads share the batch.
-double GenerationTime(const GenerationLanes& generation, int threads, int vector_lanes) {
+double GenerationTime(const GenerationLanes& generation, int threads, int tile_unit) {
   if (generation.runs >= threads) {
     const int fewer = generation.runs / threads, with_more = generation.runs % threads;
     const auto rate = [&](int runs) {  // of one thread
       const double lanes = static_cast<double>(runs) * generation.lanes / generation.runs;
-      return runs / ComputedLanes(lanes, vector_lanes);
+      return runs / ComputedLanes(lanes, tile_unit);
     };
     double runs = (threads - with_more) * rate(fewer);
     if (with_more > 0) runs += with_more * rate(fewer + 1);
     return generation.runs / runs;
   }
-  const Tiling tiling(generation.lanes, threads, vector_lanes);
+  const Tiling tiling(generation.lanes, threads, tile_unit);
   double time = 0;
   for (int tile = 0; tile < tiling.count(); tile += threads) {  // the larger come first
-    time += ComputedLanes(tiling.Size(tile), vector_lanes);
+    time += ComputedLanes(tiling.Size(tile), tile_unit);
   }
   return time;
 }
@@ -40,8 +38,8 @@ double GenerationTime(const GenerationLanes& generation, int threads, int vector
 double TileGain(const ScalingBasis& basis, int threads) {
   double one = 0, all = 0;
   for (const GenerationLanes& generation : basis.generations) {
-    one += GenerationTime(generation, 1, basis.vector_lanes);
-    all += GenerationTime(generation, threads, basis.vector_lanes);
+    one += GenerationTime(generation, 1, basis.tile_unit);
+    all += GenerationTime(generation, threads, basis.tile_unit);
   }
   return all > 0 ? std::max(1.0, one / all) : 1;
 }

@@ -19,7 +19,7 @@ struct ScalingBasis {
   double seconds = 0;         // a search by one thread
   double serial_seconds = 0;  // of it, what more threads do not shorten
   std::vector<GenerationLanes> generations;
-  int vector_lanes = 16;         // of which tiles hold multiples: TileUnit
+  int tile_unit = 16;            // lanes of which tiles hold multiples: TileUnit
   std::vector<double> fma_gain;  // [t - 1]: FMA peak of t threads over that of one
   // GB/s that t threads read where the factors are, and what one thread of the search reads.
   std::vector<double> gigabytes_per_second;
