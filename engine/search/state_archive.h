@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <string>
 #include <type_traits>
@@ -47,8 +48,10 @@ class StateReader {
   void operator()(T& value) {
     const double number = Next(1)[0];
     if constexpr (std::is_integral_v<T>) {
+      using Limits = std::numeric_limits<T>;
       if (!(std::abs(number) < 9007199254740992.0 && number == std::trunc(number) &&
-            static_cast<double>(static_cast<T>(number)) == number)) {
+            number >= static_cast<double>(Limits::min()) &&
+            number <= static_cast<double>(Limits::max()))) {
         Refuse("holds a number where a whole one belongs");
       }
     }

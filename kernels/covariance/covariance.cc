@@ -121,9 +121,11 @@ void Symmetric(int size, int k, double decay, const double* weights, const doubl
   for (std::ptrdiff_t row = 0; row < n; row += height) {
     const Rows rows(n - row);
     const auto end = static_cast<int>(std::min(row + height, n));
+    const double* const a_row = k > 0 ? a + row : a;  // without columns A may be nullptr
     for (int column = 0; column < end; column += kColumns) {
-      UpdateBlock<true>(n, rows, std::min(kColumns, end - column), decay, k, weights, a + row,
-                        {a + column, n, 1}, c + row + column * n);
+      const double* const a_column = k > 0 ? a + column : a;
+      UpdateBlock<true>(n, rows, std::min(kColumns, end - column), decay, k, weights, a_row,
+                        {a_column, n, 1}, c + row + column * n);
     }
   }
 }

@@ -12,8 +12,8 @@ namespace downpour {
 // Y = L Z: L (n x n) lower triangular with zeros above its diagonal, Z and Y (n x m).
 void TriangularProduct(int n, int m, const double* l, const double* z, double* y);
 
-// Lower triangle of C = decay C + A diag(weights) A^T, A (n x k). Above the diagonal of C (n x n)
-// some elements are updated likewise, the others are left.
+// Lower triangle of C = decay C + A diag(weights) A^T, A (n x k; may be nullptr if k = 0).
+// Above the diagonal of C (n x n) some elements are updated likewise, the others are left.
 void SymmetricProduct(int n, int k, double decay, const double* weights, const double* a,
                       double* c);
 
