@@ -78,6 +78,7 @@ void AddOptions(CLI::App* app, Arguments* arguments) {
   app->add_option("--restart-sigma", search.restart_sigma, "default: the task's");
   app->add_option("--restart-decades", search.restart_decades, "default: the task's");
   app->add_option("--exploration", search.exploration, "share before the selection; 1: none");
+  app->add_option("--relaxed", search.relaxed_exploration, "exploration without a last policy");
   app->add_option("--promotions", search.promotions, "stages after exploration");
   app->add_option("--local-share", search.local_share, "of restarts at the first run's start");
   AddChoice(app, "--restarts", &search.restarts,
@@ -207,7 +208,7 @@ void Search(const Task& task, const Arguments& arguments, const Policy& policy,
       arguments.search, StartOf(arguments, last, seed), static_cast<std::uint64_t>(seed), 1,
       [&](const CandidateBatch& batch, std::span<double> returns) {
         evaluator.Evaluate(batch.parameters, batch.keys, batch.n_rollouts, batch.first_rollout,
-                           returns);
+                           returns, {}, batch.relaxed);
       },
       [&](const PolicySearchProgress& now) {
         if (now.runs.empty() && spent > 0) return;  // the final comparison is not part of it
@@ -242,8 +243,12 @@ int Main(int argc, char** argv) {
     policy = MakePolicy(saved, task);
     last = saved.parameters;
   }
-  // Without a last policy no run is local, as in the learner.
-  if (last == std::vector<double>(last.size(), 0.0)) search.local_share = 0;
+  // As in the learner: without a last policy no run is local, with one exploration is not relaxed.
+  if (last == std::vector<double>(last.size(), 0.0)) {
+    search.local_share = 0;
+  } else {
+    search.relaxed_exploration = false;
+  }
   CheckPolicySearchOptions(search, last);
   CheckSearchBudget(search, last, static_cast<std::uint64_t>(arguments.first_seed), 1);
   PlannedModel model = LearnModel(task, arguments, *policy, last);

@@ -65,7 +65,11 @@ void SearchByRollouts(const Task& task, const LearnerOptions& options, const Lea
     told = statistics;
   };
   PolicySearchOptions search = options.search;
-  if (LastLearnt(state) == nullptr) search.local_share = 0;  // there is no last policy
+  if (LastLearnt(state) == nullptr) {
+    search.local_share = 0;  // there is no last policy
+  } else {
+    search.relaxed_exploration = false;
+  }
   PolicySearchResult result = SearchPolicy(
       search, FirstPolicy(state, policy), options.seed, static_cast<std::uint32_t>(record->episode),
       [&](const CandidateBatch& batch, std::span<double> returns) {

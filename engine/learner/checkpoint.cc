@@ -62,10 +62,10 @@ Json Settings(const Task& task, const LearnerOptions& options) {
   const auto& [variance_tolerance, mean_tolerance, backend] = plan;
   const auto& [use_variance, predict_noise, sample_clamp, rollout_threads] = rollout;
   const auto& [pilco_restarts, pilco_evaluations, pilco_start_std] = pilco;
-  const auto& [evaluations, population, rollouts, max_rollouts, concurrent, exploration, promotions,
-               local_share, final_rollouts, bound, first_sigma, restart_sigma, restart_decades,
-               search_threads, restart_strategy, uncertainty, covariance, common_random_numbers,
-               stop_lost_causes] = search;
+  const auto& [evaluations, population, rollouts, max_rollouts, concurrent, exploration,
+               relaxed_exploration, promotions, local_share, final_rollouts, bound, first_sigma,
+               restart_sigma, restart_decades, search_threads, restart_strategy, uncertainty,
+               covariance, common_random_numbers, stop_lost_causes] = search;
   // Not compared: how long the run is, and threads.
   static_cast<void>(episodes), static_cast<void>(until_solved), static_cast<void>(threads);
   static_cast<void>(rollout_threads), static_cast<void>(search_threads);
@@ -91,6 +91,7 @@ Json Settings(const Task& task, const LearnerOptions& options) {
                    {"search.max_rollouts", max_rollouts},
                    {"search.concurrent", concurrent},
                    {"search.exploration", JsonNumber(exploration)},
+                   {"search.relaxed_exploration", relaxed_exploration},
                    {"search.promotions", promotions},
                    {"search.local_share", JsonNumber(local_share)},
                    {"search.final_rollouts", final_rollouts},

@@ -9,7 +9,7 @@ namespace {
 
 void EvaluateBatch(const CandidateBatch& batch, Evaluator* evaluator, std::span<double> returns) {
   evaluator->Evaluate(batch.parameters, batch.keys, batch.n_rollouts, batch.first_rollout, returns,
-                      batch.groups);
+                      batch.groups, batch.relaxed);
 }
 
 bool AnyForBlas(std::span<const QueryFactor> factors) {

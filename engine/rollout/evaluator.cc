@@ -120,11 +120,12 @@ void Evaluator::SetFactors(std::span<const QueryFactor> factors) {
 
 void Evaluator::Evaluate(std::span<const double> parameters, std::span<const StreamKey> keys,
                          std::span<const int> n_rollouts, std::span<const int> first_rollout,
-                         std::span<double> returns, std::span<const CandidateGroup> groups) {
+                         std::span<double> returns, std::span<const CandidateGroup> groups,
+                         bool relaxed) {
   const auto start = std::chrono::steady_clock::now();
   const double busy = busy_seconds_, prior = prior_.seconds();
   std::fill(part_times_.begin(), part_times_.end(), PartTimes{});
-  Run({parameters, keys, n_rollouts, first_rollout, returns, nullptr}, groups);
+  Run({parameters, keys, n_rollouts, first_rollout, returns, nullptr, relaxed}, groups);
   const std::chrono::duration<double> elapsed = std::chrono::steady_clock::now() - start;
   statistics_.seconds += elapsed.count();
   statistics_.idle_seconds += options_.threads * elapsed.count() - (busy_seconds_ - busy);
@@ -140,7 +141,8 @@ Trajectories Evaluator::Trace(std::span<const double> parameters, std::span<cons
   Trajectories trajectories(task_, n);
   std::vector<double> returns(n);
   const EvaluatorStatistics before = statistics_;
-  Run({parameters, keys, n_rollouts, std::vector<int>(keys.size()), returns, &trajectories}, {});
+  Run({parameters, keys, n_rollouts, std::vector<int>(keys.size()), returns, &trajectories, false},
+      {});
   statistics_ = before;
   return trajectories;
 }
@@ -313,12 +315,14 @@ void Evaluator::SampleTile(int output, double limit, const TileScratch& s, doubl
                  values, s.alive);
 }
 
-void Evaluator::AdvanceTile(std::uint32_t step, int n, const TileScratch& s, PartClock* clock) {
+void Evaluator::AdvanceTile(std::uint32_t step, int n, bool relaxed, const TileScratch& s,
+                            PartClock* clock) {
   if (!prior_.empty()) prior_.Advance(n, s.inputs + task_.n_features() * kTileLanes, s.states);
   clock->Charge(kPartPrior);
   if (options_.use_variance) {
     NormalTile(n, s.keys0, s.keys1, s.rollouts, step, n_outputs(), s.normals);
   }
+  for (int i = 0; relaxed && i < n_outputs() * kTileLanes; ++i) s.normals[i] *= kRelaxedDeviation;
   clock->Charge(kPartSampling);
   for (int e = 0; e < task_.n_states(); ++e) {
     SampleTile(e, kStateLimit, s, s.states + e * kTileLanes);
@@ -328,13 +332,20 @@ void Evaluator::AdvanceTile(std::uint32_t step, int n, const TileScratch& s, Par
   clock->Charge(kPartFeatures);
 }
 
-void Evaluator::RewardTile(std::uint32_t step, const TileScratch& s) const {
+void Evaluator::RewardTile(std::uint32_t step, bool relaxed, const TileScratch& s) const {
   if (learnt_reward()) {
     std::fill_n(s.rewards, kTileLanes, 0.0);
     SampleTile(task_.n_states(), Reward::kLimit, s, s.rewards);
   } else {
     task_.reward->EvaluateTile(static_cast<int>(step), s.states, s.inputs,
                                s.inputs + task_.n_features() * kTileLanes, s.rewards);
+    if (relaxed && task_.reward->InUnitInterval()) {
+      for (int lane = 0; lane < kTileLanes; ++lane) {
+        // Below 0 by rounding only; NaN stays NaN.
+        const double reward = s.rewards[lane] < 0 ? 0 : s.rewards[lane];
+        s.rewards[lane] = std::sqrt(reward);
+      }
+    }
   }
   for (int lane = 0; lane < kTileLanes; ++lane) {
     const bool is_reward = std::abs(s.rewards[lane]) <= Reward::kLimit;  // false for NaN
@@ -380,11 +391,11 @@ void Evaluator::RunBlock(const Batch& batch, const RolloutLeg& leg, int first, i
     for (int e = 0; e < task_.n_states(); ++e) QueryBlock(e, n, tiles, gp_scratch);
     clock.Charge(kPartQueries);
     for (int t = 0; t < n_tiles; ++t) {
-      AdvanceTile(step, TileLanes(n, t * kTileLanes), tiles[t], &clock);
+      AdvanceTile(step, TileLanes(n, t * kTileLanes), batch.relaxed, tiles[t], &clock);
     }
     if (learnt_reward()) QueryBlock(task_.n_states(), n, tiles, gp_scratch);
     clock.Charge(kPartQueries);
-    for (const TileScratch& tile : tiles) RewardTile(step, tile);
+    for (const TileScratch& tile : tiles) RewardTile(step, batch.relaxed, tile);
     clock.Charge(kPartReward);
   }
   record(leg.end);

@@ -43,6 +43,7 @@ struct EvaluatorOptions {
 class Evaluator {
  public:
   static constexpr double kStateLimit = 30000;
+  static constexpr double kRelaxedDeviation = 0.5;
 
   // factors: one a state variable, D = F + A, and after these, if the reward is learnt, its own,
   // D = F. prior: its parameters, as many as the task's prior has. Task, policy and factors must
@@ -68,9 +69,14 @@ class Evaluator {
   // to rounding). The return of a rollout that was stopped is its sum so far, and at most what it
   // would have been unless it would have diverged; its candidate's mean is below that of the
   // n_exact best.
+  //
+  // relaxed: rollouts that are easier to get on with, for a search that explores: samples deviate
+  // from the means by kRelaxedDeviation of what they would, learnt rewards' too, and known rewards
+  // in [0, 1] count by their square roots, which widens their peak. Start states are the same.
   void Evaluate(std::span<const double> parameters, std::span<const StreamKey> keys,
                 std::span<const int> n_rollouts, std::span<const int> first_rollout,
-                std::span<double> returns, std::span<const CandidateGroup> groups = {});
+                std::span<double> returns, std::span<const CandidateGroup> groups = {},
+                bool relaxed = false);
 
   // What the rollouts 0, ..., n_rollouts[c] - 1 of each candidate go through. Not counted in the
   // statistics. Allocates.
@@ -88,6 +94,7 @@ class Evaluator {
     std::span<const int> n_rollouts, first_rollout;
     std::span<double> returns;
     Trajectories* trajectories;  // of Trace, or nullptr
+    bool relaxed;
   };
   struct Lane {
     int candidate;
@@ -117,9 +124,10 @@ class Evaluator {
   // Adds samples of an output to `values` (a row); lanes beyond +-limit die.
   void SampleTile(int output, double limit, const TileScratch& scratch, double* values) const;
   // From the queries' answers for n lanes to the next states and features.
-  void AdvanceTile(std::uint32_t step, int n, const TileScratch& scratch, PartClock* clock);
+  void AdvanceTile(std::uint32_t step, int n, bool relaxed, const TileScratch& scratch,
+                   PartClock* clock);
   // Adds the rewards of the new states to the sums.
-  void RewardTile(std::uint32_t step, const TileScratch& scratch) const;
+  void RewardTile(std::uint32_t step, bool relaxed, const TileScratch& scratch) const;
   int n_outputs() const { return static_cast<int>(factors_.size()); }
   bool learnt_reward() const { return n_outputs() > task_.n_states(); }
 

@@ -77,6 +77,10 @@ class PolicySearch {
   void Promote(int n_runs, int forks, int rollouts);
   PolicySearchResult Finish();
   int n_slots() const { return n_slots_; }
+  // Whether generations are relaxed now: only where later ones are not.
+  bool relaxed() const {
+    return options_.relaxed_exploration && options_.exploration < 1 && promotions_ == 0;
+  }
   PolicySearchProgress Progress() const;
 
  private:
@@ -294,6 +298,7 @@ void PolicySearch::RunGeneration(std::span<SearchRun* const> runs, int threads,
                                  const BatchObjective& objective, SearchBatch* batch) const {
   if (stop_ != nullptr && stop_->load()) throw Interrupted();
   LayOut(runs, options_.stop_lost_causes, batch);
+  batch->relaxed = relaxed();
   const int n_runs = static_cast<int>(runs.size());
   const auto ask = [&](int i) { runs[static_cast<std::size_t>(i)]->Ask(batch); };
   const auto tell = [&](int i) { runs[static_cast<std::size_t>(i)]->Tell(*batch); };
@@ -425,8 +430,13 @@ PolicySearchResult PolicySearch::Finish() {
 }
 
 PolicySearchProgress PolicySearch::Progress() const {
-  return {evaluations_, options_.evaluations, scheduler_.runs_started(),
-          best_return_, mean_return_,         waiting_seconds_,
+  return {evaluations_,
+          options_.evaluations,
+          scheduler_.runs_started(),
+          best_return_,
+          mean_return_,
+          relaxed(),
+          waiting_seconds_,
           runs_};
 }
 

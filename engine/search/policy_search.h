@@ -53,6 +53,10 @@ struct PolicySearchOptions {
   // Share of the evaluations for all runs alike; the rest is for `promotions` further stages of
   // equal shares, each for half as many runs, the best; 1: no such selection; [0.1, 1].
   double exploration = 0.3;
+  // Whether exploration's batches are relaxed, see CandidateBatch: good policies are then found
+  // sooner where nothing is known yet (docs/search.md). The learner does so until there is a last
+  // policy.
+  bool relaxed_exploration = true;
   int promotions = 3;  // stages after exploration, which fill as many lanes at least; [1, 10]
   // Share of the restarts that begin as the first run does, at the last policy with first_sigma;
   // [0, 1]. The learner takes 0 as long as there is none.
@@ -87,6 +91,9 @@ struct CandidateBatch {
   std::span<const int> n_rollouts;
   std::span<const int> first_rollout;  // rollout indices of candidate c start here
   std::span<const CandidateGroup> groups = {};
+  // Returns may be those of easier rollouts, whose best policies are good starts
+  // (Evaluator::Evaluate). No final mean is compared by such, nor is any result.
+  bool relaxed = false;
 };
 using BatchObjective = std::function<void(const CandidateBatch& batch, std::span<double> returns)>;
 
@@ -115,6 +122,7 @@ struct PolicySearchProgress {
   int runs_started = 0;    // those that go on twice count twice
   double best_return = 0;  // best value of the last generation, all instances together
   double mean_return = 0;  // mean value of it; both that of the result after the comparison
+  bool relaxed = false;    // both are of relaxed rollouts (CandidateBatch)
   // Of threads with objectives of their own, all together, that had no run while others had.
   double waiting_seconds = 0;
   // The runs under way (engine/search/search_run.h), for the time of the call; none at the end.

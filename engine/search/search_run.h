@@ -20,9 +20,16 @@ struct SearchBatch {
   std::vector<int> n_rollouts, first_rollout;
   std::vector<CandidateGroup> groups;
   std::size_t n_candidates = 0, n_returns = 0;  // laid out so far
+  bool relaxed = false;
 
   CandidateBatch Candidates() const {
-    return {static_cast<int>(n_candidates), parameters, keys, n_rollouts, first_rollout, groups};
+    return {static_cast<int>(n_candidates),
+            parameters,
+            keys,
+            n_rollouts,
+            first_rollout,
+            groups,
+            relaxed};
   }
 };
 

@@ -54,8 +54,8 @@ Task Make(const std::string& preset, const std::string& mjcf_file) {
   task.parameter_bound = 5;
   task.policy_points = 10;
   task.search_first_sigma = 1;
-  task.search_restart_sigma = 5;
-  task.search_restart_decades = 1.3;
+  task.search_restart_sigma = 2.2;
+  task.search_restart_decades = 0.2;
   task.control_period = 0.1;
   task.horizon = 40;
   task.reward = TipReward(task, preset == "paper" ? 0.25 : 0.5);

@@ -56,7 +56,8 @@ struct Fixture {
   }
 
   // n candidates with r rollouts each.
-  std::vector<double> Returns(int n, int r, EvaluatorOptions options, int first_rollout = 0) {
+  std::vector<double> Returns(int n, int r, EvaluatorOptions options, int first_rollout = 0,
+                              bool relaxed = false) {
     std::vector<double> theta(static_cast<std::size_t>(n) * policy->n_parameters());
     FillNormals({2, 2}, 0, theta.data(), theta.size());
     std::vector<StreamKey> keys;
@@ -66,7 +67,7 @@ struct Fixture {
     Evaluator evaluator(task, *policy, factors, options);
     std::vector<double> returns(static_cast<std::size_t>(n) * r);
     evaluator.Evaluate(theta, keys, std::vector<int>(n, r), std::vector<int>(n, first_rollout),
-                       returns);
+                       returns, {}, relaxed);
     statistics = evaluator.statistics();
     return returns;
   }

@@ -334,6 +334,30 @@ TEST_CASE("policy_search: the predicted return of the winner is unbiased") {
   CHECK(largest / kSearches > 4 * standard_error);  // what the comparison would have said
 }
 
+TEST_CASE("policy_search: exploration's generations are relaxed, no comparison and no stage is") {
+  PolicySearchOptions options = SmallOptions();
+  options.exploration = 0.4;
+  const BatchObjective inner = Noisy(Hill, 1);
+  const auto count_relaxed = [&] {
+    std::int64_t relaxed = 0;
+    bool compared = false;
+    Search(options, [&](const CandidateBatch& batch, std::span<double> returns) {
+      inner(batch, returns);
+      compared = compared || batch.n_rollouts[0] > 8;
+      CHECK(batch.relaxed == (options.relaxed_exploration && !compared && options.exploration < 1));
+      if (batch.relaxed) relaxed += std::ssize(returns);
+    });
+    CHECK(compared);
+    return static_cast<double>(relaxed);
+  };
+  CHECK(count_relaxed() == doctest::Approx(0.4 * 12000).epsilon(0.2));
+  options.exploration = 1;  // nothing comes after it
+  CHECK(count_relaxed() == 0);
+  options.exploration = 0.4;
+  options.relaxed_exploration = false;
+  CHECK(count_relaxed() == 0);
+}
+
 TEST_CASE("policy_search: candidates of a generation compete, those of a comparison do not") {
   PolicySearchOptions options = SmallOptions();
   options.population = 11;

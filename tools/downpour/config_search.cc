@@ -74,6 +74,11 @@ std::vector<Field> SearchFields(PolicySearchOptions& search) {
        .min = 0.1,
        .max = 1,
        .description = "Share of the evaluations for all runs alike; the best ones get the rest."},
+      {.key = "search.relaxed_exploration",
+       .option = "",
+       .target = &search.relaxed_exploration,
+       .description = "Explore by easier rollouts as long as there is no last policy: deviations "
+                      "half as large, rewards in [0, 1] by their square roots."},
       {.key = "search.promotions",
        .option = "",
        .target = &search.promotions,

@@ -200,12 +200,13 @@ void SharedRollouts::Evaluate(const CandidateBatch& batch, Evaluator* evaluator,
     message.PutAll(slices[rank].keys);
     message.PutAll(slices[rank].n_rollouts);
     message.PutAll(slices[rank].first_rollout);
+    message.Put(batch.relaxed);
     world_->Send(rank, message.Take());
   }
   const EvaluatorStatistics before = evaluator->statistics();
   const Slice& own = slices.front();
   evaluator->Evaluate(own.parameters, own.keys, own.n_rollouts, own.first_rollout,
-                      returns.first(own.last));
+                      returns.first(own.last), {}, batch.relaxed);
   const double own_seconds = evaluator->statistics().Since(before).seconds;
   const std::vector<std::string> answers = Answers();
   const double seconds = SecondsSince(start);
@@ -298,9 +299,10 @@ class Helper {
     order->GetAll(&keys);
     order->GetAll(&n_rollouts);
     order->GetAll(&first_rollout);
+    const bool relaxed = order->Get<bool>();
     std::vector<double> returns(std::accumulate(n_rollouts.begin(), n_rollouts.end(), 0));
     const EvaluatorStatistics before = evaluator_.value().statistics();
-    evaluator_->Evaluate(parameters, keys, n_rollouts, first_rollout, returns);
+    evaluator_->Evaluate(parameters, keys, n_rollouts, first_rollout, returns, {}, relaxed);
     answer->PutAll(returns);
     answer->Put(evaluator_->statistics().Since(before));
   }
