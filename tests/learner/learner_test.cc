@@ -231,6 +231,25 @@ TEST_CASE("learner: progress tells the rollouts, lanes and idle threads of every
   }
 }
 
+TEST_CASE("learner: exploration is relaxed until there is a last policy") {
+  LearnerOptions options = TinyOptions();
+  options.episodes = 3;
+  Learner learner(PointMassTask(), options);
+  int relaxed = 0, rounds = 0;
+  Learner::Callbacks callbacks;
+  callbacks.search = [&](const PolicySearchProgress& progress, const EvaluatorStatistics&) {
+    relaxed += progress.relaxed;
+    ++rounds;
+  };
+  for (int episode = 1; episode <= 3; ++episode) {  // the first one's actions are random
+    relaxed = rounds = 0;
+    learner.RunEpisode(callbacks);
+    CHECK((rounds > 0) == (episode > 1));
+    CHECK((relaxed > 0) == (episode == 2));
+    CHECK((relaxed < rounds) == (episode > 1));
+  }
+}
+
 TEST_CASE("learner: a system that breaks leaves the state as it was") {
   class Broken : public PointMass {
    public:

@@ -26,9 +26,10 @@ class LaneReward final : public Reward {
  public:
   using Function = std::function<double(int step, const double* state, const double* features,
                                         const double* action)>;
-  explicit LaneReward(Function function) : function_(std::move(function)) {}
+  LaneReward(Function function, bool in_unit_interval)
+      : function_(std::move(function)), in_unit_interval_(in_unit_interval) {}
   std::string Describe() const override { return "a function"; }
-  bool InUnitInterval() const override { return false; }
+  bool InUnitInterval() const override { return in_unit_interval_; }
   void EvaluateTile(int step, const double* states, const double* features, const double* actions,
                     double* rewards) const override {
     for (int lane = 0; lane < kTileLanes; ++lane) {
@@ -38,10 +39,11 @@ class LaneReward final : public Reward {
 
  private:
   Function function_;
+  bool in_unit_interval_;
 };
 
-std::shared_ptr<const Reward> Lanes(LaneReward::Function function) {
-  return std::make_shared<LaneReward>(std::move(function));
+std::shared_ptr<const Reward> Lanes(LaneReward::Function function, bool in_unit_interval = false) {
+  return std::make_shared<LaneReward>(std::move(function), in_unit_interval);
 }
 
 std::string ErrorOf(const std::function<void()>& action) {
@@ -163,6 +165,21 @@ TEST_CASE("reward: a number that is no reward is divergence, with a penalty belo
     CHECK(diverged < 64);
     CHECK(f.statistics.diverged == diverged);
   }
+}
+
+TEST_CASE(
+    "reward: relaxed rollouts take square roots where rewards are in [0, 1], and only there") {
+  const auto returns = [](std::vector<double> rewards, bool in_unit_interval) {
+    Fixture f(static_cast<int>(rewards.size()));
+    f.task.reward = Lanes(
+        [rewards](int step, const double*, const double*, const double*) { return rewards[step]; },
+        in_unit_interval);
+    return f.Returns(1, 1, {}, 0, true)[0];
+  };
+  CHECK(returns({0.25, 1, 0.0625}, true) == 1.75);
+  CHECK(returns({0.25, -1e-17, 0.25}, true) == 1);  // below 0 by rounding
+  CHECK(returns({0.25, std::nan(""), 0.25}, true) == -3);
+  CHECK(returns({0.25, 4, -1}, false) == 3.25);
 }
 
 TEST_CASE("reward: lost causes can only be told where rewards are in [0, 1]") {
