@@ -55,6 +55,7 @@ double Quantile(std::vector<double> values, double q) {
 SearchTimes Search(const Task& task, const Policy& policy, const PlannedModel& model,
                    PolicySearchOptions options, int threads) {
   options.threads = threads;
+  options.relaxed_exploration = false;  // as for every search but the first
   SearchTimes times;
   RolloutObjective objective(task, policy, model.factors(), {.threads = threads});
   const std::vector<double> origin(policy.n_parameters(), 0.0);

@@ -65,6 +65,7 @@ PolicySearchOptions SearchOptions(const Task& task, std::int64_t evaluations, in
   options.restart_sigma = task.search_restart_sigma;
   options.restart_decades = task.search_restart_decades;
   options.threads = threads;
+  options.relaxed_exploration = false;  // as for every search but the first
   return options;
 }
 

@@ -243,12 +243,7 @@ int Main(int argc, char** argv) {
     policy = MakePolicy(saved, task);
     last = saved.parameters;
   }
-  // As in the learner: without a last policy no run is local, with one exploration is not relaxed.
-  if (last == std::vector<double>(last.size(), 0.0)) {
-    search.local_share = 0;
-  } else {
-    search.relaxed_exploration = false;
-  }
+  AdaptToStart(last != std::vector<double>(last.size(), 0.0), &search);
   CheckPolicySearchOptions(search, last);
   CheckSearchBudget(search, last, static_cast<std::uint64_t>(arguments.first_seed), 1);
   PlannedModel model = LearnModel(task, arguments, *policy, last);

@@ -10,6 +10,7 @@
 #include "engine/learner/learn_model.h"
 #include "engine/learner/plan_probes.h"
 #include "engine/learner/rollout_objective.h"
+#include "engine/search/search_options.h"
 
 namespace downpour {
 namespace {
@@ -65,11 +66,7 @@ void SearchByRollouts(const Task& task, const LearnerOptions& options, const Lea
     told = statistics;
   };
   PolicySearchOptions search = options.search;
-  if (LastLearnt(state) == nullptr) {
-    search.local_share = 0;  // there is no last policy
-  } else {
-    search.relaxed_exploration = false;
-  }
+  AdaptToStart(LastLearnt(state) != nullptr, &search);
   PolicySearchResult result = SearchPolicy(
       search, FirstPolicy(state, policy), options.seed, static_cast<std::uint32_t>(record->episode),
       [&](const CandidateBatch& batch, std::span<double> returns) {

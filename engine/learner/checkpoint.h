@@ -14,7 +14,7 @@ namespace downpour {
 // The platform of each episode is part of the state and no setting: a run may go on on another
 // machine, and PlatformDifference (platform.h) tells when its bits are then mixed.
 // Finite numbers round-trip bit for bit; NaN and infinities are the strings "nan", "inf", "-inf".
-inline constexpr int kCheckpointVersion = 9;
+inline constexpr int kCheckpointVersion = 10;
 
 // The text of a checkpoint.
 std::string FormatCheckpoint(const Task& task, const LearnerOptions& options,

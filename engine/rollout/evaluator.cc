@@ -322,7 +322,9 @@ void Evaluator::AdvanceTile(std::uint32_t step, int n, bool relaxed, const TileS
   if (options_.use_variance) {
     NormalTile(n, s.keys0, s.keys1, s.rollouts, step, n_outputs(), s.normals);
   }
-  for (int i = 0; relaxed && i < n_outputs() * kTileLanes; ++i) s.normals[i] *= kRelaxedDeviation;
+  if (relaxed) {
+    for (int i = 0; i < n_outputs() * kTileLanes; ++i) s.normals[i] *= kRelaxedDeviation;
+  }
   clock->Charge(kPartSampling);
   for (int e = 0; e < task_.n_states(); ++e) {
     SampleTile(e, kStateLimit, s, s.states + e * kTileLanes);
@@ -339,17 +341,13 @@ void Evaluator::RewardTile(std::uint32_t step, bool relaxed, const TileScratch& 
   } else {
     task_.reward->EvaluateTile(static_cast<int>(step), s.states, s.inputs,
                                s.inputs + task_.n_features() * kTileLanes, s.rewards);
-    if (relaxed && task_.reward->InUnitInterval()) {
-      for (int lane = 0; lane < kTileLanes; ++lane) {
-        // Below 0 by rounding only; NaN stays NaN.
-        const double reward = s.rewards[lane] < 0 ? 0 : s.rewards[lane];
-        s.rewards[lane] = std::sqrt(reward);
-      }
-    }
   }
+  const bool takes_roots = relaxed && !learnt_reward() && task_.reward->InUnitInterval();
   for (int lane = 0; lane < kTileLanes; ++lane) {
-    const bool is_reward = std::abs(s.rewards[lane]) <= Reward::kLimit;  // false for NaN
-    s.sums[lane] += is_reward ? s.rewards[lane] : 0;
+    const double reward = s.rewards[lane];
+    const bool is_reward = std::abs(reward) <= Reward::kLimit;  // false for NaN
+    const double counted = takes_roots ? std::sqrt(std::max(reward, 0.0)) : reward;
+    s.sums[lane] += is_reward ? counted : 0;
     s.alive[lane] = is_reward ? s.alive[lane] : 0;
   }
 }

@@ -43,7 +43,7 @@ struct EvaluatorOptions {
 class Evaluator {
  public:
   static constexpr double kStateLimit = 30000;
-  static constexpr double kRelaxedDeviation = 0.5;
+  static constexpr double kRelaxedDeviation = 0.5;  // of relaxed rollouts' normal numbers
 
   // factors: one a state variable, D = F + A, and after these, if the reward is learnt, its own,
   // D = F. prior: its parameters, as many as the task's prior has. Task, policy and factors must
@@ -70,9 +70,10 @@ class Evaluator {
   // would have been unless it would have diverged; its candidate's mean is below that of the
   // n_exact best.
   //
-  // relaxed: rollouts that are easier to get on with, for a search that explores: samples deviate
-  // from the means by kRelaxedDeviation of what they would, learnt rewards' too, and known rewards
-  // in [0, 1] count by their square roots, which widens their peak. Start states are the same.
+  // relaxed: rollouts with less noise and wider rewards, for a search that explores: the normal
+  // numbers of samples are multiplied by kRelaxedDeviation (before they are clamped), those of
+  // learnt rewards too, and known rewards in [0, 1] count by their square roots. Start states and
+  // what has diverged are as ever; without use_variance only the roots remain.
   void Evaluate(std::span<const double> parameters, std::span<const StreamKey> keys,
                 std::span<const int> n_rollouts, std::span<const int> first_rollout,
                 std::span<double> returns, std::span<const CandidateGroup> groups = {},

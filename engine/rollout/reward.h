@@ -28,7 +28,8 @@ class Reward {
   // One line that tells people what is rewarded, with every number that rewards depend on: a run is
   // resumed only with a reward of the same description.
   virtual std::string Describe() const = 0;
-  // True if every reward is in [0, 1], to rounding. search.stop_lost_causes needs that.
+  // True if every reward is in [0, 1], to rounding. search.stop_lost_causes needs that, and relaxed
+  // rollouts (Evaluator::Evaluate) take the square roots of such.
   virtual bool InUnitInterval() const = 0;
   // Of a saturating reward, whose expectation has a closed form; nullptr: another kind.
   virtual const SaturatingParameters* saturating() const { return nullptr; }

@@ -77,9 +77,10 @@ class PolicySearch {
   void Promote(int n_runs, int forks, int rollouts);
   PolicySearchResult Finish();
   int n_slots() const { return n_slots_; }
-  // Whether generations are relaxed now: only where later ones are not.
+  // Whether generations are relaxed now: those of exploration, if stages follow it.
   bool relaxed() const {
-    return options_.relaxed_exploration && options_.exploration < 1 && promotions_ == 0;
+    return options_.relaxed_exploration && options_.restarts != RestartStrategy::kSingle &&
+           options_.exploration < 1 && promotions_ == 0;
   }
   PolicySearchProgress Progress() const;
 

@@ -53,9 +53,9 @@ struct PolicySearchOptions {
   // Share of the evaluations for all runs alike; the rest is for `promotions` further stages of
   // equal shares, each for half as many runs, the best; 1: no such selection; [0.1, 1].
   double exploration = 0.3;
-  // Whether exploration's batches are relaxed, see CandidateBatch: good policies are then found
-  // sooner where nothing is known yet (docs/search.md). The learner does so until there is a last
-  // policy.
+  // Exploration asks for relaxed batches (CandidateBatch), which find good policies sooner where
+  // nothing is known yet (docs/search.md). Not with exploration = 1 and kSingle, where no stage
+  // would correct their ranking. For searches without a last policy: AdaptToStart turns it off.
   bool relaxed_exploration = true;
   int promotions = 3;  // stages after exploration, which fill as many lanes at least; [1, 10]
   // Share of the restarts that begin as the first run does, at the last policy with first_sigma;
@@ -91,8 +91,8 @@ struct CandidateBatch {
   std::span<const int> n_rollouts;
   std::span<const int> first_rollout;  // rollout indices of candidate c start here
   std::span<const CandidateGroup> groups = {};
-  // Returns may be those of easier rollouts, whose best policies are good starts
-  // (Evaluator::Evaluate). No final mean is compared by such, nor is any result.
+  // The search explores and asks for easier rollouts (Evaluator::Evaluate); an objective that has
+  // none may ignore this. Comparisons and later stages never ask for them.
   bool relaxed = false;
 };
 using BatchObjective = std::function<void(const CandidateBatch& batch, std::span<double> returns)>;
@@ -142,14 +142,14 @@ struct PolicySearchResult {
 // (paper, section III-D; docs/method.md). The first run starts at `start` (P), clipped to the
 // bounds. Fewer instances than `concurrent` run if the budget has no 100 generations for each.
 //
-// The budget goes by successive halving. All instances explore alike for the share `exploration`;
-// a run that meets a stopping criterion makes room for a new one. Then all runs that may still
-// improve are compared by 48 fresh rollouts each, and the best, half as many as there were
-// instances, go on from where they were; then the same again with half as many, `promotions` times
-// in all. Half as many runs take twice the `rollouts`, and the last ones at least 2 of them. A
-// single one of several goes on twice, with random numbers of its own each time. When a promoted
-// run converges, the next best of the runs that were passed over goes on in its place, or a new
-// one starts, until no generation fits.
+// The budget goes by successive halving. All instances explore alike for the share `exploration`,
+// by relaxed rollouts with relaxed_exploration; a run that meets a stopping criterion makes room
+// for a new one. Then all runs that may still improve are compared by 48 fresh rollouts each, and
+// the best, half as many as there were instances, go on from where they were; then the same again
+// with half as many, `promotions` times in all. Half as many runs take twice the `rollouts`, and
+// the last ones at least 2 of them. A single one of several goes on twice, with random numbers of
+// its own each time. When a promoted run converges, the next best of the runs that were passed over
+// goes on in its place, or a new one starts, until no generation fits.
 //
 // At the end the final means of all runs and `start` itself are compared by fresh rollouts on
 // common random streams, and the best is returned. Its return is predicted by as many rollouts

@@ -72,4 +72,12 @@ void CheckPolicySearchOptions(const PolicySearchOptions& options, std::span<cons
   }
 }
 
+void AdaptToStart(bool has_last_policy, PolicySearchOptions* options) {
+  if (has_last_policy) {
+    options->relaxed_exploration = false;
+  } else {
+    options->local_share = 0;
+  }
+}
+
 }  // namespace downpour

@@ -17,4 +17,8 @@ void CheckPolicySearchOptions(const PolicySearchOptions& options, std::span<cons
 void CheckSearchBudget(const PolicySearchOptions& options, std::span<const double> start,
                        std::uint64_t seed, std::uint32_t episode);
 
+// What the learner changes for a search that has a last policy to start from, or none: without one
+// no restart is local, with one exploration is not relaxed.
+void AdaptToStart(bool has_last_policy, PolicySearchOptions* options);
+
 }  // namespace downpour

@@ -40,9 +40,10 @@ struct Candidates {
 
   Candidates() { FillNormals({5, 6}, 0, parameters.data(), parameters.size()); }
   template <typename Objective>
-  std::vector<double> Returns(const Objective& objective) const {
+  std::vector<double> Returns(const Objective& objective, bool relaxed = false) const {
     std::vector<double> returns(40);
-    objective(CandidateBatch{20, parameters, keys, n_rollouts, first_rollout}, returns);
+    objective(CandidateBatch{20, parameters, keys, n_rollouts, first_rollout, {}, relaxed},
+              returns);
     return returns;
   }
 };
@@ -68,7 +69,13 @@ TEST_CASE("rollout_objective: every thread's own objective returns what the comm
   for (const BatchObjective& own : objective.own_objectives()) {
     CHECK(candidates.Returns(own) == after);
   }
-  CHECK(objective.Statistics(0).rollouts == 8 * 40);
+  // Relaxed ones too.
+  const std::vector<double> relaxed = candidates.Returns(common, true);
+  CHECK(relaxed != after);
+  for (const BatchObjective& own : objective.own_objectives()) {
+    CHECK(candidates.Returns(own, true) == relaxed);
+  }
+  CHECK(objective.Statistics(0).rollouts == 12 * 40);
 }
 
 TEST_CASE("rollout_objective: one thread has none of its own, nor has OpenBLAS") {

@@ -178,7 +178,9 @@ TEST_CASE(
   };
   CHECK(returns({0.25, 1, 0.0625}, true) == 1.75);
   CHECK(returns({0.25, -1e-17, 0.25}, true) == 1);  // below 0 by rounding
-  CHECK(returns({0.25, std::nan(""), 0.25}, true) == -3);
+  for (const double bad : {std::nan(""), HUGE_VAL, -HUGE_VAL, 1.001e6, -1.001e6}) {
+    CHECK(returns({0.25, bad, 0.25}, true) == -3);
+  }
   CHECK(returns({0.25, 4, -1}, false) == 3.25);
 }
 

@@ -78,7 +78,8 @@ std::vector<Field> SearchFields(PolicySearchOptions& search) {
        .option = "",
        .target = &search.relaxed_exploration,
        .description = "Explore by easier rollouts as long as there is no last policy: deviations "
-                      "half as large, rewards in [0, 1] by their square roots."},
+                      "half as large, known rewards in [0, 1] by their square roots. Not with "
+                      "search.exploration = 1 and without restarts."},
       {.key = "search.promotions",
        .option = "",
        .target = &search.promotions,

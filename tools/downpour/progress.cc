@@ -306,7 +306,7 @@ void Progress::Search(const PolicySearchProgress& progress, const EvaluatorStati
       static_cast<double>(progress.evaluations) / static_cast<double>(progress.budget),
       {fmt::format("{}/{} rollouts", Thousands(progress.evaluations), Thousands(progress.budget)),
        fmt::format("run {}", progress.runs_started),
-       fmt::format("{}best {:.2f}", progress.relaxed ? "relaxed: " : "", progress.best_return),
+       fmt::format("{} {:.2f}", progress.relaxed ? "relaxed best" : "best", progress.best_return),
        fmt::format("mean {:.2f}", progress.mean_return),
        fmt::format("lanes {:.0f} % full", 100 * batch.LaneFill()),
        fmt::format("threads {:.0f} % idle", 100 * batch.IdleShare(threads))});

@@ -21,6 +21,7 @@
 #include "engine/learner/rollout_objective.h"
 #include "engine/learner/suggest.h"
 #include "engine/rollout/tiling.h"
+#include "engine/search/search_options.h"
 #include "tasks/registry.h"
 #include "tools/downpour/commands.h"
 #include "tools/downpour/option_help.h"
@@ -130,6 +131,7 @@ Subject MakeSubject(const std::string& name, const ScalingArguments& arguments, 
   while (!learner.done()) learner.RunEpisode({});
   const std::vector<EpisodeRecord>& records = learner.state().episodes;
   subject.start = records[records.size() - 2].policy;
+  AdaptToStart(!subject.start.empty(), &subject.options.search);
   if (subject.start.empty()) subject.start.assign(learner.policy().n_parameters(), 0.0);
   subject.options.search.evaluations = arguments.evaluations;
   subject.options.search.concurrent = arguments.concurrent;
