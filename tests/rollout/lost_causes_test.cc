@@ -170,7 +170,8 @@ Fixture Hanging(QueryBackend backend = QueryBackend::kFused) {
 const std::vector<CandidateGroup> kGroups = {{40, 21}, {7, 2}, {25, 5}, {1, 1}, {36, 19}};
 constexpr int kCandidates = 40 + 7 + 25 + 1 + 36;
 
-std::vector<double> Returns(Fixture* f, int threads, const std::vector<CandidateGroup>& groups) {
+std::vector<double> Returns(Fixture* f, int threads, const std::vector<CandidateGroup>& groups,
+                            bool relaxed = false) {
   std::vector<double> theta(kCandidates * f->policy->n_parameters());
   FillNormals({2, 2}, 0, theta.data(), theta.size());
   std::vector<StreamKey> keys;
@@ -184,7 +185,7 @@ std::vector<double> Returns(Fixture* f, int threads, const std::vector<Candidate
   options.threads = threads;
   Evaluator evaluator(f->task, *f->policy, f->factors, options);
   std::vector<double> returns(std::accumulate(n_rollouts.begin(), n_rollouts.end(), 0));
-  evaluator.Evaluate(theta, keys, n_rollouts, first, returns, groups);
+  evaluator.Evaluate(theta, keys, n_rollouts, first, returns, groups, relaxed);
   f->statistics = evaluator.statistics();
   return returns;
 }
@@ -208,6 +209,9 @@ TEST_CASE("evaluator: stopping lost causes leaves the best of each group their b
     CHECK(CheckExact(kGroups, RolloutCounts(), full, stopped) >= 5);
     CHECK(f.statistics.steps < 0.99 * static_cast<double>(all.steps));
     CHECK(f.statistics.lane_steps < all.lane_steps);
+    const auto full_relaxed = Returns(&f, 1, {}, true);
+    CHECK(full_relaxed != full);
+    CheckExact(kGroups, RolloutCounts(), full_relaxed, Returns(&f, 1, kGroups, true));
   }
 }
 
