@@ -65,7 +65,6 @@ PolicySearchOptions SearchOptions(const Task& task, std::int64_t evaluations, in
   options.restart_sigma = task.search_restart_sigma;
   options.restart_decades = task.search_restart_decades;
   options.threads = threads;
-  options.relaxed_exploration = false;  // as for every search but the first
   return options;
 }
 
@@ -99,7 +98,8 @@ struct Episode {
 
 // Plans the queries of `model` and searches, as the learner does for its next episode.
 Episode Search(const Task& task, const Policy& policy, const Dataset& data,
-               const PolicySearchOptions& options, PlannedModel* model) {
+               PolicySearchOptions options, PlannedModel* model) {
+  options.relaxed_exploration = false;  // as for every search but the first
   Episode episode;
   Clock::time_point start = Clock::now();
   const std::vector<double> origin(policy.n_parameters(), 0.0);

@@ -46,6 +46,7 @@ def tables(task):
     best_fixed = {**one, "restarts": "small", "population": fixed, "start": "uniform",
                   "first-sigma": sigma, "restart-sigma": sigma, "restart-decades": 0}
     all_alike = {"restarts": "small", "exploration": 1, "population": twice}
+    widths = {"cartpole": [(2.5, 1)], "pendulum": [(2.2, 0.2), (5, 1.3)]}[task]
     present = {"common-random-numbers": "generation", "covariance": "diagonal", "population": 12}
     halving = [{"restarts": "small", "exploration": 0.55, "promotions": 2, "population": twice},
                {"restarts": "small", "exploration": 0.3, "promotions": 3, "population": twice}]
@@ -91,7 +92,7 @@ def tables(task):
         # Exploring by relaxed rollouts where there is no last policy, and the restarts' widths.
         "relaxed": [{**present, "relaxed": relaxed, "restart-sigma": sigma,
                      "restart-decades": decades}
-                    for relaxed in [1, 0] for sigma, decades in [(2.2, 0.2), (5, 1.3)]]
+                    for relaxed in [1, 0] for sigma, decades in widths]
                    + [best_fixed],
         # The halving with full covariances: runs side by side, share of exploration, promotions;
         # and the best fixed setting of either task.
